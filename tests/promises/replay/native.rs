@@ -80,7 +80,7 @@ fn disarmed_rows_are_used_by_no_calibrator() {
     }
     let (_, compass) = evaluate_compass(&encode_csv(&recording));
     let strength_ut = compass.parameter_fit.strength_ut().unwrap();
-    assert!((strength_ut - 48.0).abs() < 3.0, "{strength_ut} uT");
+    assert!((strength_ut - 48.0).abs() < 5.0, "{strength_ut} uT");
     for correction_source in [CorrectionSource::Sphere, CorrectionSource::Ellipsoid] {
         // A sphere fit leaves the soft iron's error.
         let score = compass.score_by(correction_source).unwrap();

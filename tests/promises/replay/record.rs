@@ -10,7 +10,7 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 
-use super::{evaluate_log, module_score};
+use super::{compare_with_module, module_score};
 
 /// Declination at Xi'an is -4.2 deg (WMM2025), so magnetic headings exceed true ones by 4.2 deg.
 #[test]
@@ -27,7 +27,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
         let (flight, evaluation) =
-            evaluate_log(&log_writers::encode_for_path(Path::new(name), &module.observer.recording));
+            compare_with_module(&log_writers::encode_for_path(Path::new(name), &module.observer.recording));
         let score = module_score(&evaluation.compasses[0]);
         assert!((score.mean_deg - 4.2).abs() < 0.5, "{name}: {score:?}");
         let (field, _) = evaluation.earth_field.unwrap();

@@ -207,6 +207,10 @@ pub struct LoggedFlight {
     pub row_usability: Series<1>,
     /// The autopilot's parameters.
     pub parameters: ParameterHistory,
+    /// Test ratio of the magnetometer in the autopilot's own filter, which rejects it above one.
+    pub magnetometer_test_ratio: Series<1>,
+    /// The autopilot's own texts about its compasses, with their times, seconds.
+    pub compass_texts: Vec<(f64, String)>,
     /// Day of the flight.
     pub flight_date: Option<Date>,
     /// Number of rows without a time stamp; each is stored with the preceding message's time.
@@ -332,6 +336,8 @@ impl LoggedFlight {
             reference_heading: Series::new(),
             row_usability: Series::new(),
             parameters: ParameterHistory::default(),
+            magnetometer_test_ratio: Series::new(),
+            compass_texts: Vec::new(),
             flight_date: None,
             rows_without_time: 0,
             autopilot_system_ids: Vec::new(),

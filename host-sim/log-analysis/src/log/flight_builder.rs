@@ -183,8 +183,21 @@ impl FlightBuilder {
         self.flight.parameters.set_value(self.timeline.newest_s(), name, value);
     }
 
+    /// Keeps the autopilot's first different texts about its compasses.
+    pub fn record_text(&mut self, t_s: f64, text: &str) {
+        const MAX_TEXTS: usize = 5;
+        const SUBJECTS: [&str; 3] = ["compass", "mag anomaly", "magnetometer"];
+        let lower = text.to_ascii_lowercase();
+        let texts = &mut self.flight.compass_texts;
+        let is_new = SUBJECTS.iter().any(|subject| lower.contains(subject)) && texts.len() < MAX_TEXTS;
+        let text = printable(text);
+        if is_new && texts.iter().all(|(_, known)| *known != text) {
+            texts.push((t_s, text));
+        }
+    }
+
     pub fn set_firmware(&mut self, name: &str) {
-        let name: String = name.chars().filter(|character| !character.is_control()).take(80).collect();
+        let name = printable(name);
         self.flight.is_copter |= name.contains("Copter");
         if !name.is_empty() {
             self.flight.firmware_name.get_or_insert(name);
@@ -431,6 +444,11 @@ fn undo_correction(
     }
     let last = correction_at(f64::INFINITY);
     ((!parameters.is_empty()).then_some(last.correction), field)
+}
+
+/// At most 80 characters of a text of the log, without those that control a terminal.
+fn printable(text: &str) -> String {
+    text.chars().filter(|character| !character.is_control()).take(80).collect()
 }
 
 /// Whether the autopilot uses a compass for its heading. PX4 selects the healthy compass of highest priority, which no

@@ -382,10 +382,13 @@ impl TlogReader {
                 self.record_parameter(payload);
             }
             MavMessage::STATUSTEXT(payload) => {
-                if let Ok(text) = payload.text.to_str()
-                    && ["Ardu", "APM", "PX4"].iter().any(|prefix| text.starts_with(prefix))
-                {
-                    self.builder.set_firmware(text);
+                if let Ok(text) = payload.text.to_str() {
+                    if ["Ardu", "APM", "PX4"].iter().any(|prefix| text.starts_with(prefix)) {
+                        self.builder.set_firmware(text);
+                    }
+                    if let Some(t_s) = self.receiver_time_s(frame) {
+                        self.builder.record_text(t_s, text);
+                    }
                 }
             }
             _ => {}

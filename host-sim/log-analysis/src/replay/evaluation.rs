@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::baseline_fits;
 use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
+use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
@@ -247,7 +248,9 @@ impl SharedInputs<'_> {
         let initial = whole_fit.correction().or(compass.correction).unwrap_or_else(FieldCorrection::identity);
         let total_ut = self.earth_ut.or(whole_fit.strength_ut()).unwrap_or(f64::INFINITY);
         let hard_iron_changes = find_changes(rows, self.flight, &initial, total_ut);
-        let sensor_change = find_sensor_change(rows, &initial, &hard_iron_changes);
+        // On few headings iron explains what a changed gain does.
+        let is_determined = yaw_sectors(self.flight, rows).suffice();
+        let sensor_change = is_determined.then(|| find_sensor_change(rows, &initial, &hard_iron_changes)).flatten();
         if sensor_change.is_some() {
             // A changed sensor appears as iron and as a load, not only at its time: no fit of both parts is right.
             return FieldCauses { sensor_change, ..FieldCauses::default() };

@@ -26,7 +26,7 @@ const MIN_OTHER_AXES_CHANGE: f32 = 0.25;
 
 /// An interval with a frozen field or axis while the aircraft moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct FrozenInterval {
+pub struct FrozenInterval {
     /// Times of the first and last row, seconds.
     pub interval_s: [f64; 2],
     /// The stuck axis; none if all are.

@@ -2,6 +2,8 @@
 
 pub mod baseline_fits;
 pub mod bending_load;
+mod change_fit;
+pub mod compass_agreement;
 mod data_loss;
 pub mod evaluation;
 pub mod field_latency;
@@ -31,6 +33,7 @@ mod row_headings;
 mod row_solve;
 mod rows;
 pub mod sensor_change;
+pub mod sensor_failure;
 pub mod verdict;
 
 pub use parameter_loading::{ParameterChange, ParameterFile};

@@ -4,7 +4,7 @@ use autoswing::attitude::{self, AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::Solution;
 use autoswing::frames::RollPitch;
 use autoswing::heading;
-use autoswing::instrument::{Correction, Estimate, InstallationChange, Instrument, InstrumentConfig};
+use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 use nalgebra::Vector3;
@@ -156,27 +156,6 @@ pub(super) fn compute_headings(
         .collect()
 }
 
-/// Changes of hard iron that the monitor reports in usable rows after a calibration: of the corrected field, body axes,
-/// microtesla.
-pub(super) fn monitored_changes_ut(
-    rows: &[ReplayRow],
-    flight: &LoggedFlight,
-    solution: &Solution,
-) -> Vec<Vector3<f64>> {
-    let mut feed = RowFeed::new(rows, Some(flight));
-    let mut instrument = calibrated_instrument(instrument_config(rows), solution);
-    let mut changes: Vec<Vector3<f64>> = Vec::new();
-    for row in rows.iter().filter(|row| row.is_usable) {
-        feed.feed_instruments([&mut instrument], row);
-        let change = match instrument.installation_change() {
-            Some(InstallationChange::HardIron(change)) => Some(change.change_ut.map(f64::from)),
-            Some(InstallationChange::Mount(_)) | None => None,
-        };
-        changes.extend(change.filter(|change| changes.last() != Some(change)));
-    }
-    changes
-}
-
 /// Score over usable rows with a reference; calls `heading` for every row in order.
 pub(super) fn score_rows(
     rows: &[ReplayRow],
@@ -262,26 +241,5 @@ mod tests {
         for heading in &headings[10..] {
             assert!(heading.status.is_err() && heading.heading_deg.is_finite(), "{heading:?}");
         }
-    }
-
-    /// Hard iron changes by 8 uT after half of the flight.
-    #[test]
-    fn the_monitor_reports_a_change_of_hard_iron_in_usable_rows() {
-        let (mut flight, mut compass) = compass_of_flown_turns();
-        let solution = *compass.parameter_fit.solution().unwrap();
-        assert!(monitored_changes_ut(&compass.rows, &flight, &solution).is_empty());
-        let half = compass.rows.len() / 2;
-        for row in &mut compass.rows[half..] {
-            row.raw_field.ut.y += 8.0;
-        }
-        let changes = monitored_changes_ut(&compass.rows, &flight, &solution);
-        assert!(changes.windows(2).all(|pair| pair[0] != pair[1]), "{changes:?}");
-        // The calibration's soft iron scales y by 1 / 0.92.
-        let expected_ut = Vector3::new(0.0, 8.0 / 0.92, 0.0);
-        assert!(changes.last().is_some_and(|change_ut| (change_ut - expected_ut).norm() < 2.0), "{changes:?}");
-        let slow_rows: Vec<ReplayRow> = compass.rows.iter().step_by(3).copied().collect();
-        assert!(monitored_changes_ut(&slow_rows, &flight, &solution).is_empty());
-        flight.has_measured_rates = false;
-        assert!(monitored_changes_ut(&compass.rows, &flight, &solution).is_empty());
     }
 }

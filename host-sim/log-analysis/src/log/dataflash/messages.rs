@@ -13,9 +13,9 @@ pub(in crate::log) trait LogMessage {
 }
 
 /// Names of the messages that are read.
-pub(in crate::log) const MESSAGES_TO_READ: [&str; 24] = [
+pub(in crate::log) const MESSAGES_TO_READ: [&str; 26] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
-    "PARM", "MSG", "ARM", "EV", "SIM", "VER", "RCOU", "ESC", "CTUN",
+    "XKF4", "NKF4", "PARM", "MSG", "ARM", "EV", "SIM", "VER", "RCOU", "ESC", "CTUN",
 ];
 
 pub(in crate::log) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
@@ -66,6 +66,11 @@ pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, me
         "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
             push_fallback_attitude(builder, name, t_s, message);
         }
+        "XKF4" | "NKF4" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
+            if let Some(ratio) = message.numeric_field("SM") {
+                builder.flight.magnetometer_test_ratio.push_row(t_s, [ratio as f32]);
+            }
+        }
         "GPS" => match message.numeric_field("I").unwrap_or(0.0) as u8 {
             0 => record_gps(builder, t_s, message),
             receiver if has_3d_fix(message) => builder.push_other_receiver_yaw(receiver, t_s, gps_yaw_deg(message)),
@@ -100,6 +105,7 @@ pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, me
             if ["Ardu", "APM", "Rover", "Blimp", "Antenna"].iter().any(|prefix| text.starts_with(prefix)) {
                 builder.set_firmware(&text);
             }
+            builder.record_text(t_s, &text);
         }
         _ => {}
     }

@@ -258,6 +258,17 @@ impl UlogReader {
                     self.builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad);
                 }
             }
+            "estimator_innovation_test_ratios" if instance == 0 => {
+                if let Some(ratios) = row.array_values::<3>("mag_field") {
+                    let largest = ratios.into_iter().fold(f32::NAN, f32::max);
+                    self.builder.flight.magnetometer_test_ratio.push_row(t_s, [largest]);
+                }
+            }
+            "estimator_status" if instance == 0 => {
+                if let Some(ratio) = row.numeric_value("mag_test_ratio") {
+                    self.builder.flight.magnetometer_test_ratio.push_row(t_s, [ratio as f32]);
+                }
+            }
             "vehicle_angular_velocity" if instance == 0 => {
                 if let Some(rates) = row.array_values("xyz") {
                     self.builder.push_rates(sampled_s, rates);
@@ -340,11 +351,13 @@ impl UlogReader {
 }
 
 /// Names of the topics that are read.
-const READ_TOPICS: [&str; 13] = [
+const READ_TOPICS: [&str; 15] = [
     "sensor_mag",
     "vehicle_magnetometer",
     "vehicle_attitude",
     "estimator_attitude",
+    "estimator_innovation_test_ratios",
+    "estimator_status",
     "vehicle_angular_velocity",
     "vehicle_attitude_groundtruth",
     "sensor_combined",

@@ -11,7 +11,6 @@ use super::hard_iron_jump::{
 use super::hard_iron_step::{HardIronStep, find_step};
 use super::integrated_turns::measured_turns;
 use super::replay_run::solve_all_rows;
-use super::row_headings::monitored_changes_ut;
 use super::row_solve::solved_correction;
 use super::{data_loss, rows};
 use crate::log::{FieldCorrection, LoggedFlight};
@@ -36,10 +35,7 @@ const MIN_HORIZONTAL_SIGMAS: f64 = 5.0;
 /// Largest difference between a step and its confirmation, relative to the step.
 const MAX_RELATIVE_DISAGREEMENT: f64 = 0.5;
 
-/// Shortest part that the monitor is run on, seconds: it reports a change after 15 s without a failed gate.
-const MIN_MONITORED_S: f64 = 30.0;
-
-/// Least ratio of the residuals without a step to those with it that confirms a step not detected by the monitor.
+/// Least ratio of the residuals without a step to those with it that confirms a step.
 const MIN_RESIDUAL_RATIO: f64 = 2.0;
 
 /// A confirmed change of hard iron.
@@ -196,9 +192,8 @@ impl ChangeSearch<'_> {
         (changes, correction)
     }
 
-    /// Effect of a step on a level heading, degrees, if it is significant and confirmed: the monitor, started with the
-    /// calibration of the better observed part of the flight, detects it in the other, or the step halves the
-    /// residuals of that other part under the calibration.
+    /// Effect of a step on a level heading, degrees, if it is significant and confirmed: under the calibration of the better
+    /// observed part of the flight, the step halves the residuals of the other part.
     fn confirmed_heading_effect_deg(
         &self,
         step: &HardIronStep,
@@ -213,18 +208,11 @@ impl ChangeSearch<'_> {
         };
         let solution = solution.as_ref().filter(|solution| is_accurate(solution))?;
         let step_ut = Vector3::from(step.step_ut);
-        let change = solution.calibration.w_matrix().map(f64::from) * step_ut * sign;
-        let duration_s = other_rows.last()?.t_s - other_rows.first()?.t_s;
-        let is_monitored = rows::median_step_s(other_rows).is_some_and(is_monitored) && duration_s >= MIN_MONITORED_S;
-        let is_detected = is_monitored
-            && monitored_changes_ut(other_rows, self.flight, solution)
-                .iter()
-                .any(|monitored_change| is_confirmed_by(monitored_change, &change));
         let without_step = solved_correction(solution);
         let with_step = FieldCorrection { hard_iron_ut: without_step.hard_iron_ut + step_ut * sign, ..without_step };
         let [residual_without_step_ut, residual_with_step_ut] =
             [without_step, with_step].map(|correction| median_residual_ut(other_rows, &correction, solution));
-        let is_confirmed = is_detected || residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
+        let is_confirmed = residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
         step_effect_deg(step, solution).filter(|_| is_confirmed)
     }
 }

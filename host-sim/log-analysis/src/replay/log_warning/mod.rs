@@ -6,9 +6,9 @@ use serde::{Serialize, Serializer};
 
 use super::data_loss;
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
-use super::frozen_field::{self, FrozenInterval, frozen_intervals};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
 use super::rows::{RowCounts, strength_ut};
+use super::sensor_failure::{SensorFailure, sensor_failure};
 use crate::log::{
     AttitudeView, AutopilotKind, HeadingLatency, LogFormat, LoggedFlight, RatesProblem, missing_ardupilot_parameters,
     mounting_parameter_changes,
@@ -45,15 +45,8 @@ pub enum LogWarning {
     LowAttitudeRate(f64),
     /// Share of body rates lost, percent.
     RatesLost(f64),
-    /// The field, or an axis of it, is constant while the aircraft moves.
-    FieldFrozen {
-        /// Number of the compass.
-        compass: u8,
-        /// The stuck axis; none if all are.
-        axis: Option<char>,
-        /// Start and end of the longest interval, seconds.
-        interval_s: [f64; 2],
-    },
+    /// The sensor of a compass failed; the number of the compass.
+    SensorFailed(u8, SensorFailure),
     /// Readings are much stronger than the others, and not used.
     Spikes {
         /// Number of the compass.
@@ -63,17 +56,10 @@ pub enum LogWarning {
         /// Strongest of them, microtesla.
         largest_ut: f64,
     },
-    /// No reading of the compass is usable: zero, out of range or marked unhealthy. Its number.
-    FieldMissing(u8),
-    /// The field ends before the log.
-    FieldEnds {
-        /// Number of the compass.
-        compass: u8,
-        /// Time of the last field row, seconds.
-        field_end_s: f64,
-        /// Time of the last attitude row, seconds.
-        log_end_s: f64,
-    },
+    /// Share of the flight in which the autopilot's own filter rejected the magnetometer, percent.
+    MagnetometerRejected(f64),
+    /// The autopilot's own texts about its compasses, with their times, seconds.
+    AutopilotTexts(Vec<(f64, String)>),
     /// Mounting parameters changed, with their times from the start, seconds.
     MountingChanged(Vec<(String, f64)>),
     /// Lag of the logged attitude behind the field, milliseconds.
@@ -131,13 +117,17 @@ impl LogWarning {
         add_if(attitude_s > data_loss::SLOW_ATTITUDE_INTERVAL_S, Self::LowAttitudeRate(1.0 / attitude_s));
         warnings.extend(data_loss::excessive_rate_loss(flight).map(|fraction| Self::RatesLost(fraction * 100.0)));
         for compass in compasses {
-            warnings.extend(sensor_failure(flight, compass));
+            let failure = sensor_failure(flight, compass);
+            warnings.extend(failure.map(|failure| Self::SensorFailed(compass.compass_number, failure)));
             warnings.extend(spikes(flight, compass));
         }
         let oldest_s = compasses.iter().filter(|compass| compass.latency.sigma_s.is_some());
         let oldest_s = oldest_s.map(|compass| compass.latency.used_s).fold(f64::INFINITY, f64::min);
         warnings.extend((oldest_s < -LATE_ATTITUDE_S).then_some(Self::LateAttitude(-oldest_s * 1e3)));
         warnings.extend(mounting_changes(flight, evaluation));
+        warnings.extend(magnetometer_rejection(flight));
+        let texts = &flight.compass_texts;
+        warnings.extend((!texts.is_empty()).then(|| Self::AutopilotTexts(texts.clone())));
         warnings.extend(
             first_and_others(&flight.autopilot_component_ids)
                 .map(|(own_id, other_ids)| Self::OtherAutopilots(own_id, other_ids)),
@@ -192,6 +182,16 @@ impl LogWarning {
         add_if(has_none, Self::NoParameters);
         warnings
     }
+}
+
+/// Rejection of the magnetometer while armed, if it is more than occasional.
+fn magnetometer_rejection(flight: &LoggedFlight) -> Option<LogWarning> {
+    const MIN_REJECTED_PERCENT: f64 = 1.0;
+    let in_flight = flight.magnetometer_test_ratio.rows().iter().filter(|row| flight.is_armed(row.t_s) != Some(false));
+    let is_rejected: Vec<bool> = in_flight.map(|row| row.row_values[0] > 1.0).collect();
+    let rejected_count = is_rejected.iter().filter(|is_rejected| **is_rejected).count();
+    let percent = 100.0 * rejected_count as f64 / is_rejected.len().max(1) as f64;
+    (percent >= MIN_REJECTED_PERCENT).then_some(LogWarning::MagnetometerRejected(percent))
 }
 
 fn spikes(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<LogWarning> {
@@ -254,23 +254,17 @@ impl fmt::Display for LogWarning {
                 "the attitude is logged {hz:.1} times a second; below 3 Hz its interpolation is unreliable",
             ),
             Self::RatesLost(percent) => write!(f, "{percent:.0} % of the body rates are lost: {WITHOUT_RATES_TEXT}"),
-            Self::FieldFrozen { compass, axis, interval_s: [from_s, to_s] } => {
-                let stuck = axis.map_or_else(|| "field".to_owned(), |axis| format!("{axis} axis"));
-                write!(
-                    f,
-                    "compass {compass}: its {stuck} is constant while the aircraft moves, from {from_s:.0} to \
-                     {to_s:.0} s; these rows are not used, as in the module (sensor-stuck)",
-                )
-            }
+            Self::SensorFailed(compass, failure) => write!(f, "compass {compass}: {failure}"),
             Self::Spikes { compass, spike_count, largest_ut } => write!(
                 f,
                 "compass {compass}: {spike_count} reading(s) of up to {largest_ut:.0} uT are spikes, and not used",
             ),
-            Self::FieldMissing(compass) => {
-                write!(f, "compass {compass}: all its readings are zero, out of range, or marked unhealthy by the autopilot")
+            Self::MagnetometerRejected(percent) => {
+                write!(f, "the autopilot's own filter rejected the magnetometer in {percent:.0} % of the flight")
             }
-            Self::FieldEnds { compass, field_end_s, log_end_s } => {
-                write!(f, "compass {compass}: its field ends at {field_end_s:.0} s, the log at {log_end_s:.0} s")
+            Self::AutopilotTexts(texts) => {
+                let texts: Vec<String> = texts.iter().map(|(t_s, text)| format!("\"{text}\" at {t_s:.0} s")).collect();
+                write!(f, "the autopilot reported {}", texts.join(", "))
             }
             Self::MountingChanged(changes) => {
                 let changes: Vec<String> =
@@ -334,26 +328,6 @@ impl Serialize for LogWarning {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
-}
-
-/// Warning about a sensor that failed: its field ends, or freezes while the aircraft moves.
-pub(super) fn sensor_failure(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<LogWarning> {
-    let compass_number = compass.compass_number;
-    if compass.row_counts.readings == 0 {
-        return Some(LogWarning::FieldMissing(compass_number));
-    }
-    let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
-    let longest = frozen_intervals(&compass.rows).into_iter().max_by(|a, b| duration_s(a).total_cmp(&duration_s(b)));
-    if let Some(FrozenInterval { interval_s, stuck_axis: axis }) = longest {
-        return Some(LogWarning::FieldFrozen { compass: compass_number, axis, interval_s });
-    }
-    let logged = flight.compass(compass_number)?;
-    let (last_reading, last_attitude) = (logged.field.rows().last()?, flight.attitude.rows().last()?);
-    (last_attitude.t_s - last_reading.t_s > frozen_field::MIN_FROZEN_S).then_some(LogWarning::FieldEnds {
-        compass: compass_number,
-        field_end_s: last_reading.t_s,
-        log_end_s: last_attitude.t_s,
-    })
 }
 
 #[cfg(test)]

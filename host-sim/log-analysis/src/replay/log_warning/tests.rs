@@ -25,18 +25,28 @@ fn warnings_after(change: FlightChange) -> Vec<String> {
     LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()
 }
 
+fn push_test_ratios(flight: &mut LoggedFlight, ratios: [f32; 2]) {
+    (0_u8..).zip(ratios).for_each(|(t_s, ratio)| flight.magnetometer_test_ratio.push_row(t_s.into(), [ratio]));
+}
+
 #[test]
 fn a_fault_of_a_log_gives_its_own_warning_only() {
     assert_eq!(warnings_after(|_| {}), [""; 0]);
     assert_eq!(warnings_after(|flight| flight.parameters.set_value(1.0, "COMPASS_MOTCT", 2.0)), [""; 0]);
     assert_eq!(warnings_after(|flight| flight.attitude.rows_mut()[0].row_values[0] = 0.02), [""; 0]);
-    let cases: [(FlightChange, &str); 14] = [
+    assert_eq!(warnings_after(|flight| push_test_ratios(flight, [0.5, 0.9])), [""; 0]);
+    let cases: [(FlightChange, &str); 16] = [
         (|flight| set_rates_problem(flight, RatesProblem::NotLogged, false), "no body rates are logged: headings are"),
         (
             |flight| set_rates_problem(flight, RatesProblem::WrongSign(1), true),
             "about y has the sign opposite to the attitude's change; corrected by the attitude",
         ),
         (|flight| flight.rows_without_time = 1, "field rows carry no time"),
+        (|flight| push_test_ratios(flight, [0.5, 1.5]), "rejected the magnetometer in 50 % of the flight"),
+        (
+            |flight| flight.compass_texts = vec![(31.0, "Compass variance".to_owned())],
+            "the autopilot reported \"Compass variance\" at 31 s",
+        ),
         (|flight| flight.fallback_attitude_message = Some("AHR2"), "that of AHR2 is used"),
         (|flight| flight.autopilot_component_ids = vec![1, 4], "component 1, received first, is evaluated, not 4"),
         (make_level_table, "tilts by 1.15 deg at most"),

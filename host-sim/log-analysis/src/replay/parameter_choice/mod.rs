@@ -221,10 +221,11 @@ fn check_certainty(flight: &LoggedFlight, solution: &Solution) -> Result<(), NoP
     if expected_error_deg <= MAX_EXPECTED_ERROR_DEG {
         return Ok(());
     }
-    let residuals = residual_dependence(solution)
-        .filter(|_| expected_error_deg < UNDETERMINED_ERROR_DEG)
-        .map(|dependence| NoParameters::Residuals { expected_error_deg, dependence });
-    let cause = weak_horizontal_field(&solution.calibration).or(residuals);
+    let cause = || {
+        let residuals = |dependence| NoParameters::Residuals { expected_error_deg, dependence };
+        weak_horizontal_field(&solution.calibration).or_else(|| residual_dependence(solution).map(residuals))
+    };
+    let cause = if expected_error_deg < UNDETERMINED_ERROR_DEG { cause() } else { None };
     Err(cause.unwrap_or_else(|| NoParameters::Unobservable {
         expected_error_deg,
         manoeuvre: solution.advice.map(|advice| match advice.manoeuvre {

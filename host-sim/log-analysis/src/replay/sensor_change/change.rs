@@ -52,6 +52,8 @@ impl fmt::Display for SensorChange {
     }
 }
 
+/// Largest number of rows in a fit.
+pub(super) const MAX_FITTED_ROWS: usize = 1200;
 /// Least number of rows on a side.
 pub(super) const MIN_ROWS_PER_SIDE: usize = 100;
 /// Time on either side of a change that is not fitted, seconds: the rows are averages, and the time is uncertain.

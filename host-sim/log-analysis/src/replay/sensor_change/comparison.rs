@@ -3,16 +3,14 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
-use super::change::{MIN_ROWS_PER_SIDE, SKIPPED_S, SensorChange, SensorChangeKind};
-use super::change_fit::{ChangeFit, FitRow, Hypothesis, Scales};
+use super::change::{MAX_FITTED_ROWS, MIN_ROWS_PER_SIDE, SKIPPED_S, SensorChange, SensorChangeKind};
 use crate::log::FieldCorrection;
+use crate::replay::change_fit::{ChangeFit, FitRow, Hypothesis, Scales};
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::ReplayRow;
 use crate::replay::row_solve::solved_correction;
 use crate::replay::rows;
 
-/// Largest number of rows in a fit.
-const MAX_FITTED_ROWS: usize = 1200;
 /// Correlation time of the residuals, seconds: that of attitude errors.
 const CORRELATION_S: f64 = 2.0;
 
@@ -210,18 +208,9 @@ impl Comparison {
 
     /// Time that divides the rows best into unchanged and changed ones by the most probable change of the sensor.
     pub fn refined_time_s(&self, rows: &[ReplayRow]) -> Option<f64> {
-        let fit = self.best_sensor_fit()?.fit;
-        let mut sum = 0.0;
-        let sums = rows.iter().map(|row| {
-            let before_sum = sum;
-            let of_side = |is_later: bool| {
-                let is_changed = is_later == self.is_later_changed;
-                fit.negative_log_likelihood(&[FitRow::new(row, is_changed)], &self.scales)
-            };
-            sum += of_side(false) - of_side(true);
-            (row.t_s, before_sum)
-        });
-        sums.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(time_s, _)| time_s)
+        let earlier: Vec<FitRow> = rows.iter().map(|row| FitRow::new(row, !self.is_later_changed)).collect();
+        let index = self.best_sensor_fit()?.fit.likeliest_division(&earlier, &self.scales, 0)?;
+        Some(rows.get(index)?.t_s)
     }
 
     /// The change of the sensor at a time, if there is sufficient evidence.

@@ -6,7 +6,6 @@
 
 mod candidate_times;
 mod change;
-mod change_fit;
 mod comparison;
 
 pub use change::{SensorChange, SensorChangeKind};

@@ -4,12 +4,12 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 
-use super::change_fit::Hypothesis;
 use super::comparison::kind_of;
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
 use crate::log::read_flight;
+use crate::replay::change_fit::Hypothesis;
 use crate::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
 use crate::replay::tests::compass_of_flown_turns;
 use crate::test_flight::record_turns;

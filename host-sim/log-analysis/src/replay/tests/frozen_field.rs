@@ -2,7 +2,7 @@ use autoswing::frames::{Field, RollPitch};
 
 use super::*;
 use crate::log::time_series::Series;
-use crate::replay::log_warning;
+use crate::replay::sensor_failure::sensor_failure;
 
 #[test]
 fn the_longest_frozen_field_is_reported() {
@@ -17,7 +17,7 @@ fn the_longest_frozen_field_is_reported() {
             }
         }
         let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
-        let note = log_warning::sensor_failure(&flight, &compass).unwrap().to_string();
+        let note = sensor_failure(&flight, &compass).unwrap().to_string();
         let [from_s, to_s] = [from_s, to_s].map(|time_s| compass.rows[time_s * 10].t_s.round());
         assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
     }
@@ -34,6 +34,6 @@ fn a_field_ending_over_10_s_before_the_log_is_reported() {
             field.push_row(reading.t_s, reading.row_values);
         }
         flight.compasses[0].field = field;
-        assert_eq!(log_warning::sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
+        assert_eq!(sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
     }
 }

@@ -14,11 +14,14 @@ impl Verdict<'_> {
     #[must_use]
     pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
-        let CompassVerdict { evaluation: compass, judgement, parameters, reading_checks, .. } = compass;
+        let CompassVerdict { evaluation: compass, judgement, parameters, reading_checks, disagreement, .. } = compass;
         let mut facts: Vec<[String; 2]> = Vec::new();
         let mut add_fact = |name: &str, value: String| facts.push([name.to_owned(), value]);
         if let Some(is_used) = compass.is_used_for_heading {
             add_fact("autopilot", if is_used { "uses it for its heading" } else { "does not use it" }.to_owned());
+        }
+        if let Some(disagreement) = disagreement {
+            add_fact("other compasses", disagreement.to_string());
         }
         for LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.hard_iron_changes {
             let [x, y, z] = step.step_ut;

@@ -3,12 +3,14 @@
 use super::judgement::{CompassAction, CompassJudgement, CompassState};
 use crate::log::LoggedFlight;
 use crate::numbers::format_number;
+use crate::replay::compass_agreement::{Disagreement, disagreement};
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
-use crate::replay::log_warning::{LogWarning, sensor_failure};
+use crate::replay::log_warning::LogWarning;
 use crate::replay::logged_accuracy::logged_accuracy;
 use crate::replay::parameter_choice::{NoParameters, choose_parameters, provable_orientation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 use crate::replay::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, check_reading, forbidding_check};
+use crate::replay::sensor_failure::sensor_failure;
 
 /// Verdict on a flight.
 #[derive(Clone, Debug)]
@@ -38,6 +40,8 @@ pub struct CompassVerdict<'a> {
     pub parameters: Result<ExportedCorrection, NoParameters>,
     /// Checks that the log means what it was read as.
     pub reading_checks: Vec<ReadingCheck>,
+    /// Difference from two other compasses that agree.
+    pub disagreement: Option<Disagreement>,
 }
 
 impl<'a> Verdict<'a> {
@@ -74,6 +78,7 @@ impl<'a> Verdict<'a> {
                 ),
                 parameters,
                 reading_checks,
+                disagreement: disagreement(&evaluation.compasses, compass),
             }
         };
         Self {

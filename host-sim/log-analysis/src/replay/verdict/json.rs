@@ -80,6 +80,10 @@ impl CompassVerdict<'_> {
             "as_logged_rms_deg": accuracy.map(|accuracy| round_to(accuracy.rms_deg, 3)),
             "as_logged_by": accuracy.map(|accuracy| accuracy.evidence.stable_code()),
             "headings_flown": accuracy.map(|accuracy| accuracy.sector_count),
+            "differs_from": self.disagreement.map(|disagreement| json!({
+                "compasses": disagreement.agreeing,
+                "deg": round_to(disagreement.difference_deg, 1),
+            })),
             "field_hz": round_to(1.0 / compass.reading_interval_s, 2),
             "field_age_ms": round_to(compass.latency.used_s * 1e3, 1),
             "field_age_sigma_ms": compass.latency.sigma_s.map(|s| round_to(s * 1e3, 1)),

@@ -7,12 +7,12 @@ use serde::Serialize;
 use crate::replay::bending_load::BendingLoad;
 use crate::replay::evaluation::CompassEvaluation;
 use crate::replay::hard_iron_changes::temporary_change_start_s;
-use crate::replay::log_warning::LogWarning;
 use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnknownError};
 use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
 use crate::replay::parameter_export::orientation::FixedOrientation;
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
+use crate::replay::sensor_failure::SensorFailure;
 
 /// State of a compass with the parameters in use, on the headings flown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -52,8 +52,8 @@ pub enum CompassAction {
 /// Reason of a judgement; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JudgementReason {
-    /// The sensor failed; contains the warning about its failure.
-    SensorFailed(LogWarning),
+    /// The sensor failed.
+    SensorFailed(SensorFailure),
     /// Hard iron changed in flight.
     HardIronChanged {
         /// Start of a temporary change, seconds; none if the last change does not cancel the one before.
@@ -113,7 +113,7 @@ impl CompassJudgement {
     pub fn new(
         compass: &CompassEvaluation,
         accuracy: Result<LoggedAccuracy, UnknownError>,
-        failure: Option<LogWarning>,
+        failure: Option<SensorFailure>,
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
         let logged_accuracy = accuracy.as_ref().ok().copied();
@@ -254,10 +254,7 @@ impl fmt::Display for CompassJudgement {
         let mut separator = "";
         for reason in &self.reasons {
             let text = match reason {
-                JudgementReason::SensorFailed(warning) => {
-                    let warning = warning.to_string();
-                    format!("failed: {}", warning.split_once(": ").map_or(warning.as_str(), |(_, rest)| rest))
-                }
+                JudgementReason::SensorFailed(failure) => format!("failed: {failure}"),
                 JudgementReason::HardIronChanged {
                     temporary_from_s: Some(from_s),
                     at_s,

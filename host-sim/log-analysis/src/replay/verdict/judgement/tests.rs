@@ -59,7 +59,7 @@ fn judge(
     accuracy: Result<f64, UnknownError>,
     effect_deg: Option<f64>,
     parameters: &Result<ExportedCorrection, NoParameters>,
-    failure: Option<LogWarning>,
+    failure: Option<SensorFailure>,
 ) -> CompassJudgement {
     let (_, mut compass) = compass_of_flown_turns();
     let hard_iron_step = HardIronStep { time_s: 60.0, step_ut: [0.0, 4.0, 0.0], sigma_ut: [0.1; 3] };
@@ -90,7 +90,7 @@ fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
         let judgement = judge(Ok(rms_deg), effect_deg, &NO_GAIN, None);
         assert_eq!((judgement.compass_state, judgement.reason_codes().as_slice()), (compass_state, reason_codes));
     }
-    let failed = judge(Ok(1.0), None, &Ok(exported(1.0, false)), Some(LogWarning::FieldMissing(1)));
+    let failed = judge(Ok(1.0), None, &Ok(exported(1.0, false)), Some(SensorFailure::NoReadings));
     assert_eq!((failed.compass_state, failed.recommended_action), (CompassState::Bad, CompassAction::Replace));
     assert_eq!(failed.reason_codes(), ["sensor-failed", "good-as-logged"]);
 }

@@ -1,4 +1,4 @@
-//! Joint fit of the correction and of a change of the sensor to the rows on both sides of a time.
+//! Joint fit of the correction and of a change, of hard iron or of the sensor, to the rows on both sides of a time.
 //!
 //! The readings `m'` of one side are related to the readings `m` that the sensor of the other side would give by
 //! `m = g * (m' - o)`, with a gain per axis `g` and an offset `o`; a hypothesis frees some of these six numbers. With
@@ -42,6 +42,9 @@ const REGISTER_OFFSET_SIGMA_UT: f64 = 50.0;
 
 /// Smallest prior of hard iron, microtesla: smaller changes hardly affect headings.
 const MIN_HARD_IRON_UT: f64 = 1.0;
+
+/// Number of candidate times of a step of hard iron.
+const CANDIDATE_TIMES: usize = 120;
 
 const MAX_ITERATIONS: usize = 30;
 /// Relative decrease of the objective at convergence.
@@ -107,6 +110,15 @@ pub(super) struct FitRow {
 }
 
 impl FitRow {
+    /// The row without its motor current, whose interference is known.
+    pub fn less_interference(self, motor_ut_per_a: &Vector3<f64>) -> Self {
+        Self { raw_ut: self.raw_ut - motor_ut_per_a * self.current_a, current_a: 0.0, ..self }
+    }
+
+    const fn on_other_side(self) -> Self {
+        Self { is_changed: !self.is_changed, ..self }
+    }
+
     pub fn new(row: &ReplayRow, is_changed: bool) -> Self {
         Self {
             raw_ut: row.raw_field.ut.map(f64::from),
@@ -246,6 +258,58 @@ impl ChangeFit {
         rows.iter().map(of_row).sum()
     }
 
+    /// Median of the absolute residuals, microtesla.
+    pub fn scatter_ut(&self, rows: &[FitRow]) -> f64 {
+        median(rows.iter().flat_map(|row| self.residuals_ut(row).map(f64::abs)))
+    }
+
+    /// Index of the first row after the most likely time of the change, at least `margin` rows from both ends. `earlier`
+    /// are all rows with the side of the earlier ones.
+    pub fn likeliest_division(&self, earlier: &[FitRow], scales: &Scales, margin: usize) -> Option<usize> {
+        let mut sum = 0.0;
+        let sums = earlier.iter().enumerate().map(|(i, row)| {
+            let of_earlier = self.negative_log_likelihood(&[*row], scales);
+            let of_later = self.negative_log_likelihood(&[row.on_other_side()], scales);
+            let sum_before = sum;
+            sum += of_earlier - of_later;
+            (i, sum_before)
+        });
+        let is_possible = |i: usize| i >= margin && earlier.len() - i >= margin;
+        sums.filter(|(i, _)| is_possible(*i)).min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(i, _)| i)
+    }
+
+    /// Index of the first row after a step of hard iron that reduces the linearised residuals of unchanged rows most, at
+    /// least `margin` rows from both ends.
+    pub fn linearised_step(&self, rows: &[FitRow], margin: usize) -> Option<usize> {
+        let scales = self.scales_ut(rows);
+        let block_length = rows.len().div_ceil(CANDIDATE_TIMES + 1).max(1);
+        let blocks: Vec<Equations> =
+            rows.chunks(block_length).map(|block| self.data_equations(block, &scales)).collect();
+        let information = Equations::new(SMatrix::from_diagonal(&self.prior_information()), SVector::zeros());
+        let all = blocks.iter().fold(information, |sum, block| sum.plus(block));
+        let mut after = Equations::new(SMatrix::zeros(), SVector::zeros());
+        let mut best: Option<(usize, f64)> = None;
+        for (block_index, block) in blocks.iter().enumerate().rev() {
+            after = after.plus(block);
+            let index = block_index * block_length;
+            let is_possible = index >= margin && rows.len() - index >= margin;
+            let reduction = all.with_step(&after).reduction().filter(|_| is_possible);
+            if let Some(reduction) = reduction.filter(|reduction| best.is_none_or(|(_, most)| *reduction > most)) {
+                best = Some((index, reduction));
+            }
+        }
+        best.map(|(index, _)| index)
+    }
+
+    /// Standard deviations of the step of hard iron, microtesla, of residuals of which `correlated_rows` successive ones
+    /// count as one.
+    pub fn step_sigma_ut(&self, rows: &[FitRow], correlated_rows: f64) -> Option<Vector3<f64>> {
+        let free = free_directions(Hypothesis::HardIron);
+        let equations = self.normal_equations(rows, &self.scales_ut(rows), self);
+        let covariance = (free.transpose() * equations.normal * &free).cholesky()?.inverse() * correlated_rows;
+        Some(Vector3::from_fn(|axis, _| covariance[(GAIN + axis, GAIN + axis)].max(0.0).sqrt()))
+    }
+
     /// Fits the correction and the unknowns of a hypothesis.
     pub fn fitted(&self, rows: &[FitRow], hypothesis: Hypothesis) -> Self {
         let free = free_directions(hypothesis);
@@ -254,7 +318,7 @@ impl ChangeFit {
         for _ in 0..MAX_ITERATIONS {
             let scales = fit.scales_ut(rows);
             let before = fit.negative_log_likelihood(rows, &scales) + fit.prior_penalty(&start);
-            let (normal, gradient) = fit.normal_equations(rows, &scales, &start);
+            let Equations { normal, gradient } = fit.normal_equations(rows, &scales, &start);
             let (reduced, right_side) = (free.transpose() * normal * &free, free.transpose() * gradient);
             let mut damped = reduced.clone();
             for i in 0..damped.nrows() {
@@ -290,7 +354,7 @@ impl ChangeFit {
         correlated_rows: f64,
     ) -> f64 {
         let free = free_directions(hypothesis);
-        let (normal, _) = self.normal_equations(rows, scales, self);
+        let Equations { normal, .. } = self.normal_equations(rows, scales, self);
         let mut information = free.transpose() * normal * &free / correlated_rows;
         let prior_sigmas = hypothesis.prior_sigmas(self.offset_ut.norm());
         for (i, sigma) in prior_sigmas.iter().enumerate() {
@@ -349,26 +413,31 @@ impl ChangeFit {
         (self.unknowns() - start.unknowns()).component_div(&start.prior_sigmas()).norm_squared() / 2.0
     }
 
-    /// Normal matrix and gradient of the objective.
-    fn normal_equations(
-        &self,
-        rows: &[FitRow],
-        scales: &Scales,
-        start: &Self,
-    ) -> (SMatrix<f64, UNKNOWNS, UNKNOWNS>, SVector<f64, UNKNOWNS>) {
-        let information = start.prior_sigmas().map(|sigma| square(sigma).recip());
-        let mut normal = SMatrix::from_diagonal(&information);
-        let mut gradient = (self.unknowns() - start.unknowns()).component_mul(&information);
+    fn prior_information(&self) -> SVector<f64, UNKNOWNS> {
+        self.prior_sigmas().map(|sigma| square(sigma).recip())
+    }
+
+    /// Equations of the objective.
+    fn normal_equations(&self, rows: &[FitRow], scales: &Scales, start: &Self) -> Equations {
+        let information = start.prior_information();
+        let gradient = (self.unknowns() - start.unknowns()).component_mul(&information);
+        Equations::new(SMatrix::from_diagonal(&information), gradient).plus(&self.data_equations(rows, scales))
+    }
+
+    /// Equations of the residuals alone.
+    fn data_equations(&self, rows: &[FitRow], scales: &Scales) -> Equations {
+        let Equations { mut normal, mut gradient } = Equations::new(SMatrix::zeros(), SVector::zeros());
         for row in rows {
             let residuals = self.residuals_ut(row);
             for (i, derivatives) in self.derivatives(row).iter().enumerate() {
                 let variance = square(scales[group_of(row.is_changed, i)]);
                 let weight = (T_FREEDOM + 1.0) / (T_FREEDOM * variance + square(residuals[i]));
-                normal.ger(weight, derivatives, derivatives, 1.0);
+                add_square(&mut normal, derivatives, weight);
                 gradient.axpy(weight * residuals[i], derivatives, 1.0);
             }
         }
-        (normal, gradient)
+        normal.fill_upper_triangle_with_lower_triangle();
+        Equations { normal, gradient }
     }
 
     /// Derivatives of both residuals by all unknowns.
@@ -393,10 +462,103 @@ impl ChangeFit {
     }
 }
 
+/// Adds the square of derivatives, many of them zero, to the lower triangle.
+fn add_square(normal: &mut SMatrix<f64, UNKNOWNS, UNKNOWNS>, derivatives: &SVector<f64, UNKNOWNS>, weight: f64) {
+    for (column, derivative) in derivatives.iter().enumerate().filter(|(_, derivative)| **derivative != 0.0) {
+        for row in column..UNKNOWNS {
+            normal[(row, column)] += weight * derivative * derivatives[row];
+        }
+    }
+}
+
+/// Normal matrix and gradient.
+struct Equations {
+    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    gradient: SVector<f64, UNKNOWNS>,
+}
+
+impl Equations {
+    const fn new(normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>, gradient: SVector<f64, UNKNOWNS>) -> Self {
+        Self { normal, gradient }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self::new(self.normal + other.normal, self.gradient + other.gradient)
+    }
+
+    /// The equations of unchanged rows with a step of hard iron before some of them, whose derivatives are those of the
+    /// hard iron.
+    fn with_step(&self, after: &Self) -> Self {
+        let Self { mut normal, mut gradient } = Self::new(self.normal, self.gradient);
+        let step = after.normal.fixed_view::<GAIN, 3>(0, HARD_IRON);
+        normal.fixed_view_mut::<GAIN, 3>(0, OFFSET).copy_from(&step);
+        normal.fixed_view_mut::<3, GAIN>(OFFSET, 0).copy_from(&step.transpose());
+        let mut of_step = normal.fixed_view_mut::<3, 3>(OFFSET, OFFSET);
+        of_step += after.normal.fixed_view::<3, 3>(HARD_IRON, HARD_IRON);
+        gradient.fixed_rows_mut::<3>(OFFSET).copy_from(&after.gradient.fixed_rows::<3>(HARD_IRON));
+        Self { normal, gradient }
+    }
+
+    /// Reduction of the objective by the solution.
+    fn reduction(&self) -> Option<f64> {
+        Some(self.normal.cholesky()?.solve(&self.gradient).dot(&self.gradient))
+    }
+}
+
 /// Directions of the correction's unknowns and of the hypothesis's additional unknowns, one in each column.
 fn free_directions(hypothesis: Hypothesis) -> DMatrix<f64> {
     let freed = hypothesis.freed_unknowns();
     DMatrix::from_fn(UNKNOWNS, GAIN + freed.len(), |row, column| {
         if column < GAIN { f64::from(u8::from(row == column)) } else { freed[column - GAIN][row] }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use testkit::random::Random;
+
+    use super::*;
+    use crate::replay::tests::compass_of_flown_turns;
+
+    fn flown_rows_and_fit() -> (Vec<FitRow>, ChangeFit) {
+        let (_, compass) = compass_of_flown_turns();
+        let rows: Vec<FitRow> =
+            compass.rows.iter().step_by(40).enumerate().map(|(i, row)| FitRow::new(row, i >= 25)).collect();
+        let fit = ChangeFit::from_correction(&rows, &compass.parameter_fit.correction().unwrap());
+        (rows, fit.with_change(Vector3::new(0.9, 1.1, 1.05), Vector3::new(2.0, -4.0, 3.0)))
+    }
+
+    #[test]
+    fn derivatives_equal_finite_differences() {
+        let (rows, fit) = flown_rows_and_fit();
+        for row in rows.iter().step_by(10) {
+            let derivatives = fit.derivatives(row);
+            for unknown in 0..UNKNOWNS {
+                let moved = |by: f64| fit.moved_by(&SVector::from_fn(|i, _| if i == unknown { by } else { 0.0 }));
+                let [more, less] = [1e-4, -1e-4].map(|by| moved(by).residuals_ut(row));
+                for i in 0..2 {
+                    let expected = (more[i] - less[i]) / 2e-4;
+                    assert!((derivatives[i][unknown] - expected).abs() < 1e-5, "{unknown}, {i}: {expected}");
+                }
+            }
+        }
+    }
+
+    /// The linearised equations of a step are those of the rows with the side of the change.
+    #[test]
+    fn the_sums_of_a_candidate_are_the_equations_of_its_step() {
+        let (rows, fit) = flown_rows_and_fit();
+        let fit = fit.with_change(Vector3::repeat(1.0), Vector3::zeros());
+        let mut random = Random(1);
+        let scales = [0; GROUPS / 2].map(|_| 0.5 + f64::from(random.normal()).abs());
+        let scales = [scales[0], scales[1], scales[0], scales[1]];
+        let unchanged: Vec<FitRow> = rows.iter().map(|row| FitRow { is_changed: false, ..*row }).collect();
+        let all = fit.data_equations(&unchanged, &scales);
+        let with_step = all.with_step(&fit.data_equations(&unchanged[25..], &scales));
+        let expected = fit.data_equations(&rows, &scales);
+        let free = free_directions(Hypothesis::HardIron);
+        let difference = free.transpose() * (with_step.normal - expected.normal) * &free;
+        assert!(difference.amax() < 1e-6 * expected.normal.amax(), "{difference}");
+        assert!((free.transpose() * (with_step.gradient - expected.gradient)).amax() < 1e-6);
+    }
 }
