@@ -7,7 +7,7 @@ use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
 use autoswing::attitude::SenderId;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::time::Timestamp;
-use autoswing_module::compass::Command;
+use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::messages::Refusal;
 use autoswing_module::settings::OutOfRange;
 
@@ -131,11 +131,13 @@ impl CommandHandler {
 }
 
 fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejection> {
+    const AUTOPILOT_COMMAND: u16 = MavCmd::MAV_CMD_USER_1.0;
     const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN.0;
     match received.command_number {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
+        AUTOPILOT_COMMAND => autopilot_action(received.parameters).map(Command::Autopilot),
         REBOOT_COMMAND if requests_module_restart(received.parameters) => Ok(Command::Restart),
         REBOOT_COMMAND => {
             const PARAMETER_OUT_OF_RANGE: OutOfRange =
@@ -144,6 +146,15 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
         }
         _ => Err((MavResult::MAV_RESULT_UNSUPPORTED, None)),
     }
+}
+
+/// Action on the autopilot by the first parameter: 1 checks, 2 sets up, 3 restarts it.
+fn autopilot_action([action, ..]: [f32; 4]) -> Result<AutopilotAction, CommandRejection> {
+    const ACTIONS: [(f32, AutopilotAction); 3] =
+        [(1.0, AutopilotAction::Check), (2.0, AutopilotAction::Setup), (3.0, AutopilotAction::Restart)];
+    const ACTION_OUT_OF_RANGE: OutOfRange = OutOfRange("an action on the autopilot is 1 to 3: check, set up, restart");
+    let denied = (MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(ACTION_OUT_OF_RANGE)));
+    ACTIONS.into_iter().find(|(number, _)| *number == action).map(|(_, action)| action).ok_or(denied)
 }
 
 /// Whether the parameters request a restart of this component: the first one of all components, the third one of the
