@@ -102,7 +102,7 @@ impl AutopilotParameters {
                 is_calibrated: snapshot.indicator_state == IndicatorState::Calibrated,
                 is_disarmed,
             };
-            self.setup.advance(&context, &mut self.client);
+            self.setup.advance(context, &mut self.client);
         } else if self.is_ardupilot() {
             self.read_next_trim(snapshot.now);
         }

@@ -77,7 +77,7 @@ impl AutopilotSetup {
     }
 
     /// Continues: processes the result of the last read or write, and begins the next.
-    pub fn advance(&mut self, context: &SetupContext, client: &mut ParameterClient) {
+    pub fn advance(&mut self, context: SetupContext, client: &mut ParameterClient) {
         if self.report.is_some() {
             return;
         }
@@ -90,7 +90,7 @@ impl AutopilotSetup {
         }
     }
 
-    fn begin_next_read(&mut self, context: &SetupContext, client: &mut ParameterClient) {
+    fn begin_next_read(&mut self, context: SetupContext, client: &mut ParameterClient) {
         if context.firmware != MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA {
             self.step = self.step.max(ID_NAMES.len() as u8);
         }
@@ -105,7 +105,7 @@ impl AutopilotSetup {
     }
 
     /// Name of the parameter of this step, if it concerns this autopilot and module.
-    fn name_of_step(&self, context: &SetupContext) -> Option<ParameterName> {
+    fn name_of_step(&self, context: SetupContext) -> Option<ParameterName> {
         if let Some(name) = ID_NAMES.get(usize::from(self.step)) {
             return Some(ParameterName::new(name));
         }
@@ -117,7 +117,7 @@ impl AutopilotSetup {
         WANTED_PARAMETERS.get(usize::from(self.step).checked_sub(ID_NAMES.len())?)
     }
 
-    fn is_applicable(&self, row: &WantedParameter, context: &SetupContext) -> bool {
+    fn is_applicable(&self, row: &WantedParameter, context: SetupContext) -> bool {
         let has_link = match row.link {
             SetupLink::Compass => self.module_compass.is_some(),
             SetupLink::Vision => context.sends_vision_yaw,
@@ -132,7 +132,7 @@ impl AutopilotSetup {
 
     fn process_result(
         &mut self,
-        context: &SetupContext,
+        context: SetupContext,
         client: &mut ParameterClient,
         result: Result<f32, ParameterError>,
     ) {
@@ -145,7 +145,7 @@ impl AutopilotSetup {
         }
     }
 
-    fn process_id(&mut self, context: &SetupContext, device_id: u32) {
+    fn process_id(&mut self, context: SetupContext, device_id: u32) {
         let step = usize::from(self.step);
         self.step += 1;
         if let Some(priority_id) = self.priority_ids.get_mut(step) {
@@ -164,7 +164,7 @@ impl AutopilotSetup {
         }
     }
 
-    fn process_compass(&mut self, slot: u8, device_id: u32, context: &SetupContext) {
+    fn process_compass(&mut self, slot: u8, device_id: u32, context: SetupContext) {
         let index = self.priority_ids.iter().position(|priority_id| *priority_id == device_id);
         let priority = index.map(|index| index as u8 + 1);
         let is_module = is_device_of_module(device_id, context.can_node);
@@ -178,7 +178,7 @@ impl AutopilotSetup {
     fn process_row(
         &mut self,
         row: &WantedParameter,
-        context: &SetupContext,
+        context: SetupContext,
         client: &mut ParameterClient,
         result: Result<f32, ParameterError>,
     ) {

@@ -150,11 +150,13 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
 
 /// Action on the autopilot by the first parameter: 1 checks, 2 sets up, 3 restarts it.
 fn autopilot_action([action, ..]: [f32; 4]) -> Result<AutopilotAction, CommandRejection> {
-    const ACTIONS: [(f32, AutopilotAction); 3] =
-        [(1.0, AutopilotAction::Check), (2.0, AutopilotAction::Setup), (3.0, AutopilotAction::Restart)];
     const ACTION_OUT_OF_RANGE: OutOfRange = OutOfRange("an action on the autopilot is 1 to 3: check, set up, restart");
-    let denied = (MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(ACTION_OUT_OF_RANGE)));
-    ACTIONS.into_iter().find(|(number, _)| *number == action).map(|(_, action)| action).ok_or(denied)
+    match action {
+        1.0 => Ok(AutopilotAction::Check),
+        2.0 => Ok(AutopilotAction::Setup),
+        3.0 => Ok(AutopilotAction::Restart),
+        _ => Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(ACTION_OUT_OF_RANGE)))),
+    }
 }
 
 /// Whether the parameters request a restart of this component: the first one of all components, the third one of the
