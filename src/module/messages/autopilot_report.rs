@@ -72,6 +72,8 @@ pub struct ParameterCounts {
     pub wrong: u8,
     /// Changed by this setup; they are right, too.
     pub changed: u8,
+    /// Whether a change takes effect at the autopilot's next start.
+    pub needs_restart: bool,
 }
 
 impl fmt::Display for RegisteredCompass {
@@ -120,7 +122,7 @@ impl fmt::Display for ParameterReport {
 
 impl fmt::Display for ParameterCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { right, wrong, changed } = self;
+        let Self { right, wrong, changed, .. } = self;
         write!(f, "parameters of the autopilot: {right} right, {wrong} wrong, {changed} changed")
     }
 }

@@ -96,7 +96,7 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
         }
         AutopilotReport::Summary(counts) => {
             let advice = match counts {
-                ParameterCounts { changed: 1.., .. } => format_args!("restart it: autopilot restart"),
+                ParameterCounts { needs_restart: true, .. } => format_args!("restart it: autopilot restart"),
                 ParameterCounts { wrong: 1.., .. } => format_args!("to write them: autopilot setup yes"),
                 _ => NO_ADVICE,
             };

@@ -230,7 +230,7 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         let reason = "an offset, of 1 mG, marks it as calibrated";
         Parameter(ParameterReport { name, number: -0.25, wanted: 1.0, reason, state })
     };
-    let counts = |wrong, changed| Summary(ParameterCounts { right: 18, wrong, changed });
+    let counts = |wrong, changed| Summary(ParameterCounts { right: 18, wrong, changed, needs_restart: changed > 1 });
     [
         (
             NoAutopilot,
@@ -280,7 +280,8 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         ),
         (counts(0, 0), Severity::Info, "autopilot: parameters of the autopilot: 18 right", "0 wrong, 0 changed"),
         (counts(2, 0), Severity::Info, "autopilot: ", "2 wrong, 0 changed; to write them: autopilot setup yes"),
-        (counts(2, 1), Severity::Info, "autopilot: ", "2 wrong, 1 changed; restart it: autopilot restart"),
+        (counts(0, 1), Severity::Info, "autopilot: ", "0 wrong, 1 changed"),
+        (counts(2, 2), Severity::Info, "autopilot: ", "2 wrong, 2 changed; restart it: autopilot restart"),
     ]
     .map(|(report, severity, beginning, end)| (Message::Autopilot(report), severity, beginning, end))
     .into()

@@ -212,6 +212,7 @@ impl AutopilotSetup {
             Some(ParameterState::Changed) => {
                 self.counts.right += 1;
                 self.counts.changed += 1;
+                self.counts.needs_restart |= row.stage != CalibrationStage::Calibrated;
             }
             Some(_) => self.counts.wrong += 1,
         }

@@ -17,7 +17,8 @@ pub(super) enum SetupLink {
     Vision,
 }
 
-/// State of the module for which a row is valid.
+/// State of the module for which a row is valid. A change for a calibrated module takes effect at once, others at the
+/// autopilot's next start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CalibrationStage {
     Always,
