@@ -28,7 +28,9 @@ macro_rules! enumeration_table {
             bitmask MavSysStatusSensor: u32 { MAV_SYS_STATUS_SENSOR_3D_GYRO = 1 }
             bitmask MavSysStatusSensorExtended: u32 { MAV_SYS_STATUS_RECOVERY_SYSTEM = 1 }
             enumeration MavParamType: u8 {
-                MAV_PARAM_TYPE_UINT8 = 1, MAV_PARAM_TYPE_INT32 = 6, MAV_PARAM_TYPE_REAL32 = 9,
+                MAV_PARAM_TYPE_UINT8 = 1, MAV_PARAM_TYPE_INT8 = 2, MAV_PARAM_TYPE_UINT16 = 3,
+                MAV_PARAM_TYPE_INT16 = 4, MAV_PARAM_TYPE_UINT32 = 5, MAV_PARAM_TYPE_INT32 = 6,
+                MAV_PARAM_TYPE_REAL32 = 9,
             }
             enumeration GpsFixType: u8 {
                 GPS_FIX_TYPE_NO_GPS = 0, GPS_FIX_TYPE_2D_FIX = 2, GPS_FIX_TYPE_3D_FIX = 3,
@@ -37,6 +39,7 @@ macro_rules! enumeration_table {
             enumeration MavDataStream: u8 { MAV_DATA_STREAM_ALL = 0, MAV_DATA_STREAM_EXTRA1 = 10 }
             enumeration MavCmd: u16 {
                 MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN = 246, MAV_CMD_SET_MESSAGE_INTERVAL = 511,
+                MAV_CMD_USER_1 = 31010,
             }
             enumeration MavFrame: u8 { MAV_FRAME_GLOBAL = 0 }
             enumeration MavResult: u8 {

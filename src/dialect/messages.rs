@@ -39,9 +39,22 @@ macro_rules! message_table {
                 SYSTEM_TIME: SYSTEM_TIME_DATA = 2, crc 137 {
                     time_unix_usec: u64, time_boot_ms: u32
                 }
+                /// Requests a parameter by its name, or by its index.
+                PARAM_REQUEST_READ: PARAM_REQUEST_READ_DATA = 20, crc 214 {
+                    param_index: i16, target_system: u8, target_component: u8, param_id: CharArray<16>
+                }
+                /// Requests all parameters.
+                PARAM_REQUEST_LIST: PARAM_REQUEST_LIST_DATA = 21, crc 159 {
+                    target_system: u8, target_component: u8
+                }
                 /// A parameter.
                 PARAM_VALUE: PARAM_VALUE_DATA = 22, crc 220 {
                     param_value: f32, param_count: u16, param_index: u16, param_id: CharArray<16>,
+                    param_type: MavParamType
+                }
+                /// Changes a parameter.
+                PARAM_SET: PARAM_SET_DATA = 23, crc 168 {
+                    param_value: f32, target_system: u8, target_component: u8, param_id: CharArray<16>,
                     param_type: MavParamType
                 }
                 /// Position and velocity as the receiver reports them.

@@ -219,6 +219,7 @@ fn a_node_survives_any_frames() {
                 settings: &settings,
                 indicator_state: indicator,
                 calibration: None,
+                can_node: None,
             };
             let command = node.poll(&NodeContext { snapshot, stored_settings: &settings });
             if let Some(command) = command {

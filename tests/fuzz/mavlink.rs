@@ -147,7 +147,7 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
                 let can_be = roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58;
                 can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.sender.packed_number()
             }
-            InboundMessage::Heartbeat(heartbeat) => {
+            InboundMessage::Heartbeat(heartbeat, _) => {
                 let is_armed = self.payload[6] & 128 != 0;
                 (id, sender, is_armed) == (0, heartbeat.sender.packed_number(), heartbeat.is_armed)
             }
@@ -169,6 +169,11 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
             }
             InboundMessage::Acknowledgement(ack) => {
                 (id, sender, self.payload[2]) == (77, ack.sender_id.packed_number(), ack.result)
+            }
+            InboundMessage::Parameter(source, parameter) => {
+                let value_bits =
+                    u32::from_le_bytes([self.payload[0], self.payload[1], self.payload[2], self.payload[3]]);
+                (id, sender, value_bits) == (22, source.packed_number(), parameter.value_bits)
             }
         }
     }

@@ -39,6 +39,7 @@ fn poll_output_length(port: &mut Port, now: Timestamp) -> usize {
         settings: &settings,
         indicator_state: IndicatorState::Collecting(7),
         calibration: None,
+        can_node: None,
     };
     port.poll(&snapshot);
     let sent_length = port.pending_output.pending_bytes().len();

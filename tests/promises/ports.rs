@@ -250,6 +250,63 @@ fn a_disturbed_field_is_not_sent() {
     }
 }
 
+/// ArduPilot's filter uses the field in its own body frame, from which the attitude that it sends differs by trims. The
+/// true attitude is that of the filter; without the trims the headings are up to 7.0 and 4.8 deg off (ArduPlane beside
+/// the simulated module). The second trim changes in flight, as by the autopilot's autotrim.
+#[test]
+fn ardupilots_trims_do_not_turn_the_field() {
+    for (trim, number, changed_number) in [("PTCH_TRIM_DEG", 3.0, 1.0), ("AHRS_TRIM_Y", 0.035, 0.0)] {
+        let mut rig = rig_with_far_ends(VehicleKind::Plane, [MAVLINK_ARDUPILOT, MSP_ARDUPILOT]);
+        mavlink_autopilot(&rig, 0).borrow_mut().parameters.set_number(trim, number);
+        run_for_s(&mut rig, 1.0);
+        rig.send_console_line("set port2 msp");
+        fly_routine(&mut rig);
+        let (_, rms_deg) = readings_on_eight_headings(&mut rig, 1);
+        assert!(rms_deg < 1.0, "{trim}: {rms_deg} deg");
+        mavlink_autopilot(&rig, 0).borrow_mut().change_parameter(trim, changed_number);
+        let (_, rms_deg) = readings_on_eight_headings(&mut rig, 1);
+        assert!(rms_deg < 1.0, "{trim} changed: {rms_deg} deg");
+    }
+}
+
+/// The same setup from the console, and by a ground station's MAV_CMD_USER_1, which reads the results as texts. A change
+/// needs a restart, which is one more command.
+#[test]
+fn the_autopilot_is_set_up_from_the_console_or_by_a_ground_station() {
+    let mut rig = rig_with_far_ends(VehicleKind::Plane, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
+    let autopilot = mavlink_autopilot(&rig, 0);
+    for (name, number) in [("COMPASS_DEV_ID", 5.0), ("COMPASS_PRIO1_ID", 5.0)] {
+        autopilot.borrow_mut().parameters.set_number(name, number);
+    }
+    run_for_s(&mut rig, 10.0);
+    let mut notes = rig.send_console_line("autopilot check");
+    run_for_s(&mut rig, 20.0);
+    notes.push_str(&rig.take_console_output());
+    for note in [
+        "ok asking the autopilot; notes follow",
+        "note compass: slot 1, priority 1: this module, MSP (id 5)",
+        "note parameter-wrong: COMPASS_USE is 1, wanted 0",
+        "16 right, 2 wrong, 0 changed; to write them: autopilot setup yes",
+    ] {
+        assert!(notes.contains(note), "{note}: {notes}");
+    }
+    let set_up = command_long([255, 190], 1, 31_010, 0, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    received_frames(&rig, 0);
+    rig.autopilot.send_bytes(&set_up);
+    run_for_s(&mut rig, 20.0);
+    let texts = status_texts(&received_frames(&rig, 0));
+    assert!(texts.iter().any(|text| text.contains("18 right, 0 wrong, 2 changed; restart it")), "{texts:?}");
+    assert_eq!(autopilot.borrow().parameters.number("COMPASS_OFS_X"), Some(1.0));
+    rig.send_console_line("autopilot restart");
+    run_for_s(&mut rig, 2.0);
+    assert_eq!(autopilot.borrow().restart_count, 1);
+    rig.world.set_armed(true);
+    run_for_s(&mut rig, 2.0);
+    for command in ["autopilot setup yes", "autopilot restart"] {
+        assert!(rig.send_console_line(command).contains("error armed"), "{command}");
+    }
+}
+
 /// Recommended ArduPilot wiring: MAVLink on one port, MSP on the other, at full rate and 115200 baud; then also at
 /// 57600 baud.
 #[test]
@@ -283,7 +340,7 @@ fn mavlink_and_msp_run_at_once() {
                 // WMM2025: declination -4.2 deg in Xi'an at the beginning of 2026.
                 let error_deg = wrap_180(f64::from(pose.float_at(28)).to_degrees() - (truth_deg - 4.2));
                 squares_deg2 += error_deg * error_deg;
-                assert!(pose.float_at(32).is_nan());
+                assert!(pose.float_at(32).is_finite(), "ArduPilot reads no other covariance");
                 poses += 1;
             }
         }

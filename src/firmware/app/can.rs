@@ -145,6 +145,12 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.can_state(now));
+    if let Some(action) = links.links_of_line(AutopilotLine::Can).autopilot_action.try_take() {
+        node.begin_autopilot_action(action);
+    }
+    if let Some(message) = node.take_message(now) {
+        links.broadcast_message(&message);
+    }
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
     let correction = calibration_to_report(links, |calibration| node.is_unreported_calibration(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
@@ -159,7 +165,8 @@ fn poll_in_safe_mode(links: &TaskLinks, node: &mut CanNode, settings: &Settings)
     let now = now();
     let estimate = Estimate { timestamp: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
     let indicator = IndicatorState::Idle;
-    let snapshot = Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration: None };
+    let snapshot =
+        Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration: None, can_node: None };
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     send_command(links, node.poll(&NodeContext { snapshot, stored_settings: settings }));
 }

@@ -103,6 +103,9 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             if command == Command::Restart && reply.is_ok() {
                 links.restart_request.signal(());
             }
+            if let (Command::Autopilot(action), true) = (command, reply.is_ok()) {
+                links.pass_autopilot_action(action);
+            }
             match source {
                 CommandSource::Console => links.replies.send(reply).await,
                 CommandSource::Line(line) => {

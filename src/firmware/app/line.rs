@@ -3,6 +3,7 @@
 use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment_counter, publish_value};
 use crate::app::task_links::TaskLinks;
 use crate::port::{ReceivedMessage, Snapshot};
+use crate::wire::dronecan::NodeId;
 use autoswing::calibration::Calibration;
 use autoswing::instrument::Correction;
 use autoswing::time::Timestamp;
@@ -25,9 +26,10 @@ pub(super) fn with_snapshot<R>(
     use_snapshot: impl FnOnce(&Snapshot<'_>) -> R,
 ) -> Option<R> {
     let estimate = links.estimates.try_get()?;
-    let indicator = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
     let calibration = correction.and_then(|correction| correction.calibration.as_ref());
-    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration }))
+    let can_node = links.can_state().and_then(|state| state.node).map(NodeId::number);
+    let indicator_state = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
+    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator_state, calibration, can_node }))
 }
 
 /// Passes a received message to the task that needs it. `can_have_gyro`: whether this line's body rates are measured by

@@ -91,6 +91,12 @@ pub async fn run_port(
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
+                if let Some(action) = wires.autopilot_action.try_take() {
+                    port.mavlink.begin_autopilot_action(action);
+                }
+                if let Some(message) = port.mavlink.take_message(at) {
+                    links.broadcast_message(&message);
+                }
                 published_counts.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),

@@ -17,8 +17,8 @@ use autoswing::earth::{Date, Position};
 use autoswing::instrument::{Correction, Estimate};
 use autoswing::reading::{Identity, Reading};
 use autoswing::time::Timestamp;
-use autoswing_module::compass::{Command, IndicatorState, Reply};
-use autoswing_module::messages::{Message, Refusal};
+use autoswing_module::compass::{AutopilotAction, Command, IndicatorState, Reply};
+use autoswing_module::messages::{AutopilotReport, Message, Refusal};
 use autoswing_module::settings::Settings;
 use autoswing_module::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 
@@ -201,6 +201,19 @@ impl TaskLinks {
         armed_states.reduce(|first, second| first || second)
     }
 
+    /// Passes an action to the first line whose autopilot is known by MAVLink.
+    pub(super) fn pass_autopilot_action(&self, action: AutopilotAction) {
+        let lines = AutopilotLine::ALL_LINES.into_iter().map(|line| self.links_of_line(line));
+        let mut mavlink_lines = lines.filter(|line| {
+            let LineState { protocol, is_armed } = line.state.lock(Cell::get);
+            protocol == ProtocolKind::Mavlink && is_armed.is_some()
+        });
+        match mavlink_lines.next() {
+            Some(line) => line.autopilot_action.signal(action),
+            None => self.broadcast_message(&Message::Autopilot(AutopilotReport::NoAutopilot)),
+        }
+    }
+
     /// Sets the ports' initial protocols to those detected before the restart.
     pub(super) fn set_initial_protocols(&self, detected: [ProtocolKind; PORT_COUNT]) {
         for (port, detected) in PortNumber::ALL_PORTS.into_iter().zip(detected) {
@@ -296,6 +309,8 @@ pub(super) struct LineLinks {
     pub heartbeat: AtomicU32,
     /// Unsolicited messages for the line.
     pub messages: TaskQueue<Message, MESSAGE_QUEUE_CAPACITY>,
+    /// Action on the line's autopilot.
+    pub autopilot_action: Signal<CriticalSectionRawMutex, AutopilotAction>,
     /// Result of a command received on this line.
     pub command_results: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
     state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
@@ -306,6 +321,7 @@ impl LineLinks {
         Self {
             heartbeat: AtomicU32::new(0),
             messages: Channel::new(),
+            autopilot_action: Signal::new(),
             command_results: Signal::new(),
             state: Mutex::new(Cell::new(LineState { protocol: ProtocolKind::Auto, is_armed: None })),
         }

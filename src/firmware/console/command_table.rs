@@ -6,7 +6,7 @@ use core::slice;
 
 use autoswing::calibration::Method;
 use autoswing::calibration::method_selection::Procedure;
-use autoswing_module::compass::Command;
+use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SettingKind, SettingValue};
 
 /// Command that is not of settings, or the first word of several commands.
@@ -307,6 +307,18 @@ static COMMANDS: &[CommandSpec] = &[
         .with_request(|_| Command::Set(STREAM_OFF).into())
         .before_settings(),
     CommandSpec::new("set", "", "settings").before_settings(),
+    CommandSpec::new("autopilot", "", "the autopilot's parameters, by MAVLink"),
+    CommandSpec::new("autopilot", "check", "compare its compass and its parameters with what the module needs")
+        .with_request(|_| Command::Autopilot(AutopilotAction::Check).into()),
+    CommandSpec::new("autopilot", "setup", "without yes: check; yes: write what differs, while disarmed")
+        .with_arguments(&[ArgumentSpec::optional_argument("yes", ArgumentKind::Confirmation("yes"))], |arguments| {
+            match arguments.0 {
+                [ArgumentValue::Choice(_), _] => Command::Autopilot(AutopilotAction::Setup).into(),
+                _ => Command::Autopilot(AutopilotAction::Check).into(),
+            }
+        }),
+    CommandSpec::new("autopilot", "restart", "restart the autopilot, while disarmed")
+        .with_request(|_| Command::Autopilot(AutopilotAction::Restart).into()),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
 ];
 

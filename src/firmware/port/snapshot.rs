@@ -20,6 +20,8 @@ pub struct Snapshot<'a> {
     pub indicator_state: IndicatorState,
     /// Active calibration with its heading uncertainty; may be none if it was already reported.
     pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,
+    /// Number of the module's node on a CAN bus.
+    pub can_node: Option<u8>,
 }
 
 impl Snapshot<'_> {
@@ -43,6 +45,7 @@ pub(super) mod tests {
             settings,
             indicator_state: IndicatorState::Calibrated,
             calibration: None,
+            can_node: None,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Admission of commands: the only place that refuses them because of the armed state, a solve or a save.
 
 use super::activity::{Activity, Solve, SolvePurpose};
-use crate::compass::events::Command;
+use crate::compass::events::{AutopilotAction, Command};
 use crate::compass::state::Compass;
 use crate::messages::Refusal;
 use autoswing::calibration::method_selection::Procedure;
@@ -18,7 +18,9 @@ impl Compass<'_> {
             return Err(Refusal::Armed);
         }
         let waits_for_solve = match command {
-            Command::Status | Command::StatusAll | Command::CalShow | Command::CalAdvise => return Ok(()),
+            Command::Status | Command::StatusAll | Command::CalShow | Command::CalAdvise | Command::Autopilot(_) => {
+                return Ok(());
+            }
             Command::CalAbort | Command::Restart => false,
             Command::Set(setting) | Command::SetFromBus(setting) => setting.is_used_by_solves(),
             _ => true,
@@ -47,6 +49,7 @@ impl Compass<'_> {
             | Command::CalUndo
             | Command::SetFromBus(_)
             | Command::ResetSettings
+            | Command::Autopilot(AutopilotAction::Setup | AutopilotAction::Restart)
             | Command::Restart => true,
             Command::Set(change) => change.is_of_calibration(),
             Command::CalStop
@@ -56,6 +59,7 @@ impl Compass<'_> {
             | Command::CalShow
             | Command::Status
             | Command::StatusAll
+            | Command::Autopilot(AutopilotAction::Check)
             | Command::Align(_)
             | Command::AlignConfirmed(_) => false,
         }

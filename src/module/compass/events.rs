@@ -71,7 +71,20 @@ pub enum Command {
     Align(Option<f32>),
     /// Set the alignment without a limit of its size.
     AlignConfirmed(f32),
+    /// Check, set up or restart the autopilot; the driver of the state machine passes it on to a line after the reply.
+    Autopilot(AutopilotAction),
     /// Restart the module; the driver of the state machine does so after the reply.
+    Restart,
+}
+
+/// Action on the autopilot, by MAVLink.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AutopilotAction {
+    /// Compare its parameters with the wanted ones.
+    Check,
+    /// Write those that differ.
+    Setup,
+    /// Restart it.
     Restart,
 }
 

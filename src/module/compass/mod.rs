@@ -20,7 +20,7 @@ mod state;
 mod state_saving;
 mod trial_solves;
 
-pub use events::{CalibrationSummary, Command, Effect, Event, ModuleState, Reply, StatusReport};
+pub use events::{AutopilotAction, CalibrationSummary, Command, Effect, Event, ModuleState, Reply, StatusReport};
 pub use indicator::IndicatorState;
 pub use state::Compass;
 pub use trial_solves::{TrialResult, TrialSchedule};
@@ -188,6 +188,7 @@ impl<'a> Compass<'a> {
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
+            Command::Autopilot(_) => {}
             Command::Restart => self.collector.reset_restart_count(),
         }
         Ok(Effect::Reply(Ok(Reply::Done(self.module_state()))))

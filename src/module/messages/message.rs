@@ -1,6 +1,7 @@
 //! Unsolicited messages.
 
 use crate::messages::accuracy::ExpectedAccuracy;
+use crate::messages::autopilot_report::{AutopilotReport, ParameterState};
 use crate::messages::refusal::{Refusal, RefusalCause};
 use crate::store::StoreError;
 use autoswing::instrument::InstallationChange;
@@ -30,6 +31,10 @@ pub enum Message {
         /// Standard deviation of the heading, radians.
         sigma_rad: f32,
     },
+    /// The pitch that a quadplane subtracts from its attitude depends on its mode, which the module does not know.
+    TrimsAmbiguous,
+    /// Result of a check or a setup of the autopilot.
+    Autopilot(AutopilotReport),
     /// The module is in safe mode after repeated panics.
     SafeMode,
 }
@@ -54,12 +59,14 @@ impl Message {
             Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::InstallationRestored => {
                 Severity::Info
             }
+            Self::Autopilot(report) => report.severity(),
             Self::Solved(Err(_))
             | Self::CommandRejected(_)
             | Self::StoreFailed(_)
             | Self::CollectionLost
             | Self::InstallationChanged(_)
             | Self::TurnRequested { .. }
+            | Self::TrimsAmbiguous
             | Self::SafeMode => Severity::Warning,
         }
     }
@@ -75,5 +82,18 @@ impl Message {
 
     pub(super) const fn is_refusal(&self) -> bool {
         matches!(self, Self::Solved(Err(_)) | Self::CommandRejected(_) | Self::StoreFailed(_))
+    }
+}
+
+impl AutopilotReport {
+    const fn severity(&self) -> Severity {
+        match self {
+            Self::Compass(_) | Self::Summary(_) => Severity::Info,
+            Self::Parameter(report) => match report.state {
+                ParameterState::Changed => Severity::Info,
+                ParameterState::Wrong | ParameterState::NotChanged | ParameterState::Missing => Severity::Warning,
+            },
+            Self::NoAutopilot | Self::NoReply | Self::NoCompass => Severity::Warning,
+        }
     }
 }

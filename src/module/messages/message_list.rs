@@ -6,6 +6,7 @@
 use core::fmt::{self, Arguments, Display};
 
 use super::sample_loss::SampleLoss;
+use crate::messages::autopilot_report::{AutopilotReport, ParameterCounts, ParameterState};
 use crate::messages::message::Message;
 use crate::messages::refusal::{Refusal, RefusalCause};
 use crate::store::StoreError;
@@ -55,7 +56,51 @@ impl Message {
                 format_args!("headings have a sigma of {} deg by now", Decimal::<1>(sigma_rad.to_degrees())),
                 format_args!("turn once each way, so that a drift of iron is determined"),
             ),
+            Self::TrimsAmbiguous => show(
+                "trims-ambiguous",
+                format_args!("the pitch trim in a quadplane's attitude depends on its mode, and is not removed"),
+                format_args!("set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0"),
+            ),
+            Self::Autopilot(report) => autopilot_entry(report, show),
             Self::SafeMode => safe_mode_entry(show),
+        }
+    }
+}
+
+fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Result {
+    match report {
+        AutopilotReport::NoAutopilot => show(
+            "no-autopilot",
+            format_args!("no ArduPilot or PX4 is known by MAVLink"),
+            format_args!("connect MAVLink, or the CAN bus with its tunnel"),
+        ),
+        AutopilotReport::NoReply => show(
+            "no-parameters",
+            format_args!("the autopilot does not answer for its parameters"),
+            format_args!("check that the module's TX reaches it, and signatures"),
+        ),
+        AutopilotReport::NoCompass => show(
+            "no-compass",
+            format_args!("the autopilot has no compass that is this module"),
+            format_args!("power both together, or restart the autopilot"),
+        ),
+        AutopilotReport::Compass(compass) => show("compass", format_args!("{compass}"), NO_ADVICE),
+        AutopilotReport::Parameter(report) => {
+            let code = match report.state {
+                ParameterState::Wrong => "parameter-wrong",
+                ParameterState::Changed => "parameter-set",
+                ParameterState::NotChanged => "parameter-refused",
+                ParameterState::Missing => "parameter-missing",
+            };
+            show(code, format_args!("{report}"), NO_ADVICE)
+        }
+        AutopilotReport::Summary(counts) => {
+            let advice = match counts {
+                ParameterCounts { needs_restart: true, .. } => format_args!("restart it: autopilot restart"),
+                ParameterCounts { wrong: 1.., .. } => format_args!("to write them: autopilot setup yes"),
+                _ => NO_ADVICE,
+            };
+            show("autopilot", format_args!("{counts}"), advice)
         }
     }
 }

@@ -207,12 +207,84 @@ fn messages() -> Vec<(Message, Severity, &'static str, &'static str)> {
         ),
         (Message::InstallationRestored, Severity::Info, "iron-back: as calibrated again", ""),
         (
+            Message::TrimsAmbiguous,
+            Severity::Warning,
+            "trims-ambiguous: the pitch trim in a quadplane's attitude depends on its mode",
+            "; set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0",
+        ),
+        (
             Message::SafeMode,
             Severity::Warning,
             "safe-mode: three starts in a row ended in a panic",
             "; to erase all stored data: cal clear all, then reboot",
         ),
     ]
+}
+
+fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
+    use AutopilotReport::{Compass, NoAutopilot, NoCompass, NoReply, Parameter, Summary};
+    use ParameterState::{Changed, Missing, NotChanged, Wrong};
+    let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
+    let parameter = |state| {
+        let name = ParameterName::new("COMPASS_OFS2_X");
+        let reason = "an offset, of 1 mG, marks it as calibrated";
+        Parameter(ParameterReport { name, number: -0.25, wanted: 1.0, reason, state })
+    };
+    let counts = |wrong, changed| Summary(ParameterCounts { right: 18, wrong, changed, needs_restart: changed > 1 });
+    [
+        (
+            NoAutopilot,
+            Severity::Warning,
+            "no-autopilot: no ArduPilot or PX4",
+            "; connect MAVLink, or the CAN bus with its tunnel",
+        ),
+        (NoReply, Severity::Warning, "no-parameters: the autopilot does not", "TX reaches it, and signatures"),
+        (
+            NoCompass,
+            Severity::Warning,
+            "no-compass: the autopilot has no",
+            "; power both together, or restart the autopilot",
+        ),
+        (
+            compass(658_945, Some(1)),
+            Severity::Info,
+            "compass: slot 3, priority 1: another",
+            "I2C bus 0 address 14 (id 658945)",
+        ),
+        (
+            compass(131_874, None),
+            Severity::Info,
+            "compass: slot 3, no priority: another",
+            "SPI bus 4 device 3 (id 131874)",
+        ),
+        (compass(97_547, Some(2)), Severity::Info, "compass: slot 3, ", "DroneCAN bus 1 node 125 (id 97547)"),
+        (compass(5, Some(2)), Severity::Info, "compass: slot 3, ", "MSP (id 5)"),
+        (
+            parameter(Wrong),
+            Severity::Warning,
+            "parameter-wrong: COMPASS_OFS2_X is -0.25, wanted 1: an",
+            "as calibrated",
+        ),
+        (
+            parameter(Changed),
+            Severity::Info,
+            "parameter-set: COMPASS_OFS2_X changed from -0.25 to 1: an",
+            "as calibrated",
+        ),
+        (parameter(NotChanged), Severity::Warning, "parameter-refused: COMPASS_OFS2_X was set to 1", ", and is -0.25"),
+        (
+            parameter(Missing),
+            Severity::Warning,
+            "parameter-missing: no answer for COMPASS_OFS2_X, wanted 1",
+            "calibrated",
+        ),
+        (counts(0, 0), Severity::Info, "autopilot: parameters of the autopilot: 18 right", "0 wrong, 0 changed"),
+        (counts(2, 0), Severity::Info, "autopilot: ", "2 wrong, 0 changed; to write them: autopilot setup yes"),
+        (counts(0, 1), Severity::Info, "autopilot: ", "0 wrong, 1 changed"),
+        (counts(2, 2), Severity::Info, "autopilot: ", "2 wrong, 2 changed; restart it: autopilot restart"),
+    ]
+    .map(|(report, severity, beginning, end)| (Message::Autopilot(report), severity, beginning, end))
+    .into()
 }
 
 #[test]
@@ -231,7 +303,7 @@ fn every_refusal_has_its_code_its_values_and_what_to_do() {
 
 #[test]
 fn every_message_has_its_severity_its_values_and_what_to_do() {
-    for (message, severity, beginning, end) in messages() {
+    for (message, severity, beginning, end) in messages().into_iter().chain(autopilot_reports()) {
         let line = message.to_string();
         assert_eq!(message.severity(), severity, "{line}");
         assert!(line.starts_with(beginning) && line.ends_with(end), "{line}");
@@ -256,7 +328,8 @@ fn an_error_is_one_clause() {
 #[test]
 fn message_texts_are_ascii_and_at_most_200_characters() {
     let lines = refusals().map(|(refusal, ..)| Message::Solved(Err(refusal)).to_string());
-    for line in lines.chain(messages().into_iter().map(|(message, ..)| message.to_string())) {
+    for line in lines.chain(messages().into_iter().chain(autopilot_reports()).map(|(message, ..)| message.to_string()))
+    {
         assert!(line.len() <= 200 && line.is_ascii() && !line.ends_with([';', ' ', '.']), "{line}");
     }
 }

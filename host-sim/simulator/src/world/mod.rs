@@ -16,6 +16,7 @@ pub mod mavlink_autopilot;
 mod mavlink_frame;
 pub mod msp_autopilot;
 mod outputs;
+pub mod parameter_table;
 pub mod published_table1;
 pub mod rotation;
 mod simulated_world;

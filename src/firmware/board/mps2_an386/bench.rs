@@ -250,6 +250,7 @@ fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> 
         settings,
         indicator_state: IndicatorState::Calibrated,
         calibration: None,
+        can_node: None,
     }
 }
 

@@ -1,6 +1,7 @@
 use super::*;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Method, Orientation};
+use autoswing_module::compass::AutopilotAction;
 use autoswing_module::settings::SettingValue::{Key, Number, Numbers, Whole};
 use autoswing_module::settings::{SETTINGS, SettingChange};
 
@@ -42,6 +43,10 @@ fn every_command_is_parsed() {
         ("cal clear all", Command::CalClear),
         ("cal undo", Command::CalUndo),
         ("cal abort", Command::CalAbort),
+        ("autopilot check", Command::Autopilot(AutopilotAction::Check)),
+        ("autopilot setup", Command::Autopilot(AutopilotAction::Check)),
+        ("autopilot setup yes", Command::Autopilot(AutopilotAction::Setup)),
+        ("autopilot restart", Command::Autopilot(AutopilotAction::Restart)),
         ("stream on", set(SettingChange::new("STREAM", Whole(1)))),
         ("stream off", set(SettingChange::new("STREAM", Whole(0)))),
         ("set align 90", Command::Align(Some(90.0))),
@@ -197,7 +202,7 @@ fn help_explains_everything_there_is() {
 #[test]
 fn partial_words_are_completed() {
     for (line, rest, fit) in [
-        ("", "", 7),
+        ("", "", 8),
         ("v", "ersion", 1),
         ("VER", "sion", 1),
         ("version", "", 1),

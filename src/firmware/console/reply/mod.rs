@@ -10,7 +10,7 @@ use core::fmt::{self, Write};
 
 use crate::health::{Diagnostics, ResetCause};
 use autoswing::decimal::ShortestDecimal;
-use autoswing_module::compass::{Command, Reply, StatusReport};
+use autoswing_module::compass::{AutopilotAction, Command, Reply, StatusReport};
 use autoswing_module::messages::{Message, Refusal};
 use calibration::{CalibrationTitle, write_advice, write_calibration};
 pub use error::write_line_error;
@@ -55,7 +55,8 @@ pub fn write_reply(
 ) -> fmt::Result {
     match (reply, command) {
         (Err(reason), _) => write_refusal(out, reason),
-        (Ok(_), Command::Restart) => writeln!(out, "ok restarting"),
+        (Ok(_), Command::Restart | Command::Autopilot(AutopilotAction::Restart)) => writeln!(out, "ok restarting"),
+        (Ok(_), Command::Autopilot(_)) => writeln!(out, "ok asking the autopilot; notes follow"),
         (Ok(Reply::Report(report)), Command::Status) => write_status(out, report, health),
         (Ok(Reply::Report(report)), Command::StatusAll) => write_full_status(out, report, health),
         (Ok(Reply::Report(report)), Command::CalShow) => write_calibration(out, report),

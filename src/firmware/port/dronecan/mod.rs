@@ -38,7 +38,7 @@ use autoswing::frames::{Body, Field};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing::trig::sqrt;
-use autoswing_module::compass::Command;
+use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::messages::{Message as Notice, Refusal};
 use autoswing_module::settings::{CanSettings, Settings, SigningKey};
 pub use firmware_update::{BOOT_LOADER_HANDOVER_LENGTH, UpdateForBootLoader};
@@ -238,6 +238,16 @@ impl CanNode {
     pub fn queue_text(&mut self, message: &Notice) {
         self.log_messages.push_message(message);
         self.tunnel.mavlink.queue_text(message);
+    }
+
+    /// Takes a message about the autopilot at the other end of the tunnel, for all users.
+    pub fn take_message(&mut self, now: Timestamp) -> Option<Notice> {
+        self.tunnel.mavlink.take_message(now)
+    }
+
+    /// Begins an action on the autopilot at the other end of the tunnel.
+    pub fn begin_autopilot_action(&mut self, action: AutopilotAction) {
+        self.tunnel.mavlink.begin_autopilot_action(action);
     }
 
     /// Sets or removes the key of MAVLink's signatures.

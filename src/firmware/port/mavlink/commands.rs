@@ -7,7 +7,7 @@ use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
 use autoswing::attitude::SenderId;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::time::Timestamp;
-use autoswing_module::compass::Command;
+use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::messages::Refusal;
 use autoswing_module::settings::OutOfRange;
 
@@ -131,11 +131,13 @@ impl CommandHandler {
 }
 
 fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejection> {
+    const AUTOPILOT_COMMAND: u16 = MavCmd::MAV_CMD_USER_1.0;
     const REBOOT_COMMAND: u16 = MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN.0;
     match received.command_number {
         DO_START_MAG_CAL => Ok(Command::CalStart(Procedure::Flight)),
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
+        AUTOPILOT_COMMAND => autopilot_action(received.parameters).map(Command::Autopilot),
         REBOOT_COMMAND if requests_module_restart(received.parameters) => Ok(Command::Restart),
         REBOOT_COMMAND => {
             const PARAMETER_OUT_OF_RANGE: OutOfRange =
@@ -143,6 +145,17 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
             Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(PARAMETER_OUT_OF_RANGE))))
         }
         _ => Err((MavResult::MAV_RESULT_UNSUPPORTED, None)),
+    }
+}
+
+/// Action on the autopilot by the first parameter: 1 checks, 2 sets up, 3 restarts it.
+fn autopilot_action([action, ..]: [f32; 4]) -> Result<AutopilotAction, CommandRejection> {
+    const ACTION_OUT_OF_RANGE: OutOfRange = OutOfRange("an action on the autopilot is 1 to 3: check, set up, restart");
+    match action {
+        1.0 => Ok(AutopilotAction::Check),
+        2.0 => Ok(AutopilotAction::Setup),
+        3.0 => Ok(AutopilotAction::Restart),
+        _ => Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(ACTION_OUT_OF_RANGE)))),
     }
 }
 

@@ -6,6 +6,7 @@
 //!
 //! - sends a heartbeat with its state once a second;
 //! - requests attitude, current, position and time from the autopilot;
+//! - reads ArduPilot's trims, and turns its attitude back into the frame of its compasses;
 //! - accepts commands to component 158 from any sender. Commands to all components are left to the autopilot, whose own
 //!   compass they are meant for;
 //! - sends texts, progress and report of collections, and headings as named values;
@@ -14,11 +15,16 @@
 //! Current, position and date from other systems or components are ignored, as are the module's own messages that come
 //! back.
 
+mod attitude_trims;
+mod autopilot_parameters;
+mod autopilot_setup;
 mod collection;
 mod commands;
+mod parameter_client;
 mod requests;
 mod status_texts;
 mod transmitter;
+mod wanted_parameters;
 
 use mavlink_dialect::MavState;
 
@@ -27,12 +33,13 @@ use crate::port::protocol::{Protocol, ReceivedMessage};
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, Pose};
-use autoswing::attitude::{SenderId, SenderSelector};
+use autopilot_parameters::AutopilotParameters;
+use autoswing::attitude::{AttitudeReport, SenderId, SenderSelector};
 use autoswing::calibration::Calibration;
 use autoswing::frames::wrap_pi;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::time::Timestamp;
-use autoswing_module::compass::{Command, IndicatorState};
+use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
 use autoswing_module::messages::{Message as Notice, Refusal};
 use autoswing_module::settings::SigningKey;
 use collection::CollectionReporter;
@@ -58,6 +65,7 @@ pub struct Mavlink {
     sender_selector: SenderSelector,
     sequence_number: u8,
     request_sequence: RequestSequence,
+    autopilot_parameters: AutopilotParameters,
     command_handler: CommandHandler,
     pending_texts: PendingTexts,
     collection_reporter: CollectionReporter,
@@ -102,19 +110,33 @@ impl Mavlink {
         self.pending_texts.push_message(message);
     }
 
+    /// Takes a message about the autopilot, for all users.
+    pub fn take_message(&mut self, now: Timestamp) -> Option<Notice> {
+        self.autopilot_parameters.take_message(now)
+    }
+
+    /// Begins an action on the autopilot.
+    pub fn begin_autopilot_action(&mut self, action: AutopilotAction) {
+        self.autopilot_parameters.begin_action(action);
+    }
+
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.sender_selector.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
         let is_own =
             |target: Address| autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)));
         match message {
-            InboundMessage::Heartbeat(heartbeat) => {
+            InboundMessage::Heartbeat(heartbeat, firmware) => {
                 self.sender_selector.update_heartbeat(at, heartbeat);
+                if self.sender_selector.autopilot_to_query(at) == Some(heartbeat.sender) {
+                    self.autopilot_parameters.on_heartbeat(heartbeat.sender, firmware);
+                }
                 None
             }
             InboundMessage::Attitude(report) if self.sender_selector.accept_attitude(at, report.sender) => {
                 self.request_sequence.on_attitude(at, report.sender_clock_at_sending);
-                Some(ReceivedMessage::Attitude(report))
+                let attitude = self.autopilot_parameters.untrimmed_attitude(report.sender, report.attitude);
+                Some(ReceivedMessage::Attitude(AttitudeReport { attitude, ..report }))
             }
             InboundMessage::Attitude(_) => Some(ReceivedMessage::RejectedAttitude),
             InboundMessage::Position(source, place) => {
@@ -139,6 +161,12 @@ impl Mavlink {
             InboundMessage::Acknowledgement(ack) => {
                 if is_autopilot(&ack.sender_id) && is_own(ack.target) {
                     self.request_sequence.on_acknowledgement(at, ack);
+                }
+                None
+            }
+            InboundMessage::Parameter(source, parameter) => {
+                if is_autopilot(&source) {
+                    self.autopilot_parameters.on_parameter(&parameter);
                 }
                 None
             }
@@ -210,12 +238,14 @@ impl Protocol for Mavlink {
         self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
         let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
+        let is_disarmed = self.sender_selector.is_armed(now) == Some(false);
         let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
         let _is_sent = self.command_handler.send_next_acknowledgement(line)
             || self.send_pose(snapshot, line)
             || self.send_heartbeat(snapshot, line)
             || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.autopilot_parameters.send_due_request(snapshot, is_disarmed, line)
             || self.collection_reporter.send_report_or_progress(snapshot, line)
             || self.send_progress_percent(snapshot, line)
             || self.pending_texts.send_next_chunk(now, line)

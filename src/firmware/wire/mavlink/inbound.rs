@@ -7,23 +7,25 @@ use core::array::from_fn;
 
 use mavlink_dialect::{
     ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, PayloadLengths, SYS_STATUS_DATA,
-    SYSTEM_TIME_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavParamType, PARAM_VALUE_DATA,
+    PayloadLengths, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::frame::Address;
+use super::parameter::ReceivedParameter;
 use autoswing::attitude::{AttitudeReport, BodyRates, Heartbeat, SenderId};
 use autoswing::earth::{Date, Position};
 use autoswing::frames::RollPitch;
 use autoswing::time::WrappingMillis;
+use autoswing_module::messages::ParameterName;
 
 /// Decoded message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InboundMessage {
     /// ATTITUDE: roll, pitch and body rates.
     Attitude(AttitudeReport),
-    /// HEARTBEAT: kind of sender, and armed state.
-    Heartbeat(Heartbeat),
+    /// HEARTBEAT: kind of sender, armed state, and the firmware of an autopilot.
+    Heartbeat(Heartbeat, MavAutopilot),
     /// GLOBAL_POSITION_INT: position of the sender, if known.
     Position(SenderId, Option<Position>),
     /// SYSTEM_TIME: date of the sender, if known.
@@ -34,6 +36,8 @@ pub enum InboundMessage {
     Command(ReceivedCommand),
     /// COMMAND_ACK.
     Acknowledgement(Acknowledgement),
+    /// PARAM_VALUE: parameter of the sender.
+    Parameter(SenderId, ReceivedParameter),
 }
 
 /// Received command.
@@ -88,7 +92,7 @@ impl MessageSpec {
 }
 
 /// Supported messages, the most frequent first.
-pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
+pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 10] = [
     MessageSpec::from_dialect::<ATTITUDE_DATA>(parse_attitude),
     MessageSpec::from_dialect::<SYS_STATUS_DATA>(parse_system_status),
     MessageSpec::from_dialect::<HEARTBEAT_DATA>(parse_heartbeat),
@@ -98,6 +102,7 @@ pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 9] = [
     MessageSpec::from_dialect::<COMMAND_LONG_DATA>(parse_command_long),
     MessageSpec::from_dialect::<COMMAND_INT_DATA>(parse_command_int),
     MessageSpec::from_dialect::<COMMAND_ACK_DATA>(parse_acknowledgement),
+    MessageSpec::from_dialect::<PARAM_VALUE_DATA>(parse_parameter),
 ];
 
 /// Longest payload of a supported message, bytes.
@@ -175,11 +180,13 @@ fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const AUTOPILOT_OFFSET: usize = 5;
     const BASE_MODE_OFFSET: usize = 6;
     let fields = PayloadReader(payload);
-    Some(InboundMessage::Heartbeat(Heartbeat {
+    let autopilot = MavAutopilot(fields.read_u8(AUTOPILOT_OFFSET));
+    let heartbeat = Heartbeat {
         sender: source,
-        is_autopilot: fields.read_u8(AUTOPILOT_OFFSET) != MavAutopilot::MAV_AUTOPILOT_INVALID.0,
+        is_autopilot: autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
         is_armed: fields.read_u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
-    }))
+    };
+    Some(InboundMessage::Heartbeat(heartbeat, autopilot))
 }
 
 /// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
@@ -271,4 +278,17 @@ fn parse_acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMess
         command_number: fields.read_u16(COMMAND_OFFSET),
         result: fields.read_u8(RESULT_OFFSET),
     }))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_parameter(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const NAME_OFFSET: usize = 8;
+    const KIND_OFFSET: usize = 24;
+    let fields = PayloadReader(payload);
+    let received = ReceivedParameter {
+        name: ParameterName(from_fn(|byte| fields.read_u8(NAME_OFFSET + byte))),
+        value_bits: fields.read_u32(0),
+        kind: MavParamType(fields.read_u8(KIND_OFFSET)),
+    };
+    Some(InboundMessage::Parameter(source, received))
 }

@@ -10,11 +10,13 @@
 //! | `frame.rs` | header, address and CRC |
 //! | `inbound.rs` | decoding of payloads |
 //! | `outbound.rs` | messages to send, as frames of version 2 |
+//! | `parameter.rs` | names and numbers of an autopilot's parameters |
 //! | `signature.rs` | signatures of frames of version 2 |
 
 mod frame;
 mod inbound;
 mod outbound;
+mod parameter;
 mod signature;
 
 use autoswing::attitude::SenderId;
@@ -23,6 +25,7 @@ use frame::{V1_HEADER_LENGTH, V1_START_BYTE, V2_HEADER_LENGTH, V2_START_BYTE, ch
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
 pub use outbound::{EncodedFrame, MagCalReport, OutboundMessage, Pose};
+pub use parameter::{ParameterEncoding, ReceivedParameter};
 pub use signature::{Signatures, key_from_passphrase};
 
 /// Longest frame of version 2, bytes: header, payload, 2 of CRC, 13 of signature.

@@ -6,13 +6,15 @@
 
 use mavlink_dialect::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAG_CAL_REPORT_DATA, MagCalStatus, MavAutopilot, MavCmd,
-    MavDataStream, MavResult, MavSeverity, MavState, MavType, MessageData, NAMED_VALUE_FLOAT_DATA,
-    REQUEST_DATA_STREAM_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
+    MavDataStream, MavParamType, MavResult, MavSeverity, MavState, MavType, MessageData, NAMED_VALUE_FLOAT_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, REQUEST_DATA_STREAM_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
 };
 
 use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
+use super::parameter::{ParameterEncoding, parameter_bits};
 use super::signature::{self, Signatures};
 use autoswing::time::Timestamp;
+use autoswing_module::messages::ParameterName;
 
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
 const MAX_PAYLOAD_LENGTH: usize = 117;
@@ -71,9 +73,20 @@ impl OutboundMessage {
     #[must_use]
     pub fn set_message_interval(target: Address, message_id: u32, rate_hz: u8) -> Self {
         let interval_us = 1e6 / f32::from(rate_hz.max(1));
+        Self::command_long(target, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [message_id as f32, interval_us])
+    }
+
+    /// COMMAND_LONG with MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: restarts the autopilot.
+    #[must_use]
+    pub fn autopilot_restart(target: Address) -> Self {
+        Self::command_long(target, MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, [1.0, 0.0])
+    }
+
+    /// COMMAND_LONG; only the first two parameters are not zero.
+    fn command_long(target: Address, command: MavCmd, [first, second]: [f32; 2]) -> Self {
         let mut message = Self::from_dialect::<COMMAND_LONG_DATA>();
-        message.put_floats(&[message_id as f32, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        message.put_bytes(&(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL.0).to_le_bytes());
+        message.put_floats(&[first, second, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        message.put_bytes(&command.0.to_le_bytes());
         message.put_bytes(&[target.system_id, target.component_id, 0]);
         message
     }
@@ -86,6 +99,34 @@ impl OutboundMessage {
         let mut message = Self::from_dialect::<REQUEST_DATA_STREAM_DATA>();
         let stream = MavDataStream::MAV_DATA_STREAM_EXTRA1.0;
         message.put_bytes(&[rate_hz, 0, target.system_id, target.component_id, stream, START_SENDING]);
+        message
+    }
+
+    /// PARAM_REQUEST_READ: requests a parameter by its name.
+    #[must_use]
+    pub fn parameter_request(target: Address, name: ParameterName) -> Self {
+        const BY_NAME: i16 = -1;
+        let mut message = Self::from_dialect::<PARAM_REQUEST_READ_DATA>();
+        message.put_bytes(&BY_NAME.to_le_bytes());
+        message.put_bytes(&[target.system_id, target.component_id]);
+        message.put_bytes(&name.0);
+        message
+    }
+
+    /// PARAM_SET: changes a parameter of this kind.
+    #[must_use]
+    pub fn parameter_change(
+        target: Address,
+        name: ParameterName,
+        number: f32,
+        kind: MavParamType,
+        encoding: ParameterEncoding,
+    ) -> Self {
+        let mut message = Self::from_dialect::<PARAM_SET_DATA>();
+        message.put_bytes(&parameter_bits(number, kind, encoding).to_le_bytes());
+        message.put_bytes(&[target.system_id, target.component_id]);
+        message.put_bytes(&name.0);
+        message.put_bytes(&[kind.0]);
         message
     }
 

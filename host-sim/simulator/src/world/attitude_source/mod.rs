@@ -121,6 +121,8 @@ pub struct AttitudeSource {
     seed: u64,
     pub(super) identity: SenderIdentity,
     vehicle: MavType,
+    /// Firmware that an autopilot's heartbeats announce.
+    firmware: MavAutopilot,
     roll_noise_rad: FirstOrderProcess,
     pitch_noise_rad: FirstOrderProcess,
     /// Tilt error per 1 m/s^2 of acceleration.
@@ -161,6 +163,7 @@ impl AttitudeSource {
             seed,
             identity: SenderIdentity::AUTOPILOT,
             vehicle: MavType::MAV_TYPE_FIXED_WING,
+            firmware: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
             roll_noise_rad: noise(StreamPurpose::RollNoise),
             pitch_noise_rad: noise(StreamPurpose::PitchNoise),
             roll_error_per_m_s2_rad: push(StreamPurpose::RollTiltError),
@@ -175,6 +178,11 @@ impl AttitudeSource {
     #[must_use]
     pub fn with_identity(self, identity: SenderIdentity) -> Self {
         Self { identity, ..self }
+    }
+
+    /// The same source with this firmware in its heartbeats.
+    pub(super) fn with_firmware(self, firmware: MavAutopilot) -> Self {
+        Self { firmware, ..self }
     }
 
     /// The same source with this vehicle kind in its heartbeats.
@@ -192,10 +200,11 @@ impl AttitudeSource {
 
     /// Sets the sample rate of the noise processes and restarts them; the caller schedules the messages.
     pub(super) fn set_rate_hz(&mut self, rate_hz: f64) {
-        let Self { identity, vehicle, sequence, .. } = *self;
+        let Self { identity, vehicle, firmware, sequence, .. } = *self;
         *self = Self {
             identity,
             vehicle,
+            firmware,
             sequence,
             ..Self::new(AttitudeSourceConfig { rate_hz, ..self.config }, self.gyro_config, self.seed)
         };
@@ -264,7 +273,7 @@ impl AttitudeSource {
             custom_mode: 0,
             mavtype: self.vehicle,
             autopilot: match self.identity.heartbeat_kind {
-                Some(SenderKind::Autopilot) => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+                Some(SenderKind::Autopilot) => self.firmware,
                 Some(SenderKind::Other) | None => MavAutopilot::MAV_AUTOPILOT_INVALID,
             },
             base_mode,

@@ -4,13 +4,14 @@
 //! the module can observe. [`FarEnd`](super::cable_far_end::FarEnd) attaches it to a cable.
 
 use mavlink_dialect::{
-    ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavCmd, MavMessage, MavResult,
-    MavlinkVersion, Message, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
+    MavResult, MavlinkVersion, Message, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::attitude_source::AttitudeSource;
 pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
 pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
+use super::parameter_table::ParameterTable;
 use super::state::TrueState;
 
 /// Autopilot firmware, which determines the handling of message requests.
@@ -32,6 +33,21 @@ impl MavlinkFirmware {
         match self {
             Self::Px4 => 100.0,
             Self::ArduPilot | Self::StreamsOnly | Self::IgnoresRequests => 1.0,
+        }
+    }
+
+    const fn announced_firmware(self) -> MavAutopilot {
+        match self {
+            Self::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
+            Self::ArduPilot | Self::StreamsOnly | Self::IgnoresRequests => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+        }
+    }
+
+    fn parameters(self) -> ParameterTable {
+        match self {
+            Self::ArduPilot => ParameterTable::ardupilot(),
+            Self::Px4 => ParameterTable::px4(),
+            Self::StreamsOnly | Self::IgnoresRequests => ParameterTable::empty(false),
         }
     }
 
@@ -77,6 +93,10 @@ pub struct MavlinkAutopilot {
     pending_answer_bytes: Vec<u8>,
     received_frames: Vec<MavlinkFrame>,
     denied_request_count: u32,
+    /// Number of restarts by command.
+    pub restart_count: u32,
+    /// Parameters of the autopilot.
+    pub parameters: ParameterTable,
 }
 
 impl MavlinkAutopilot {
@@ -84,7 +104,7 @@ impl MavlinkAutopilot {
     #[must_use]
     pub fn new(source: AttitudeSource, firmware: MavlinkFirmware, now_us: u64) -> Self {
         let mut autopilot = Self {
-            source,
+            source: source.with_firmware(firmware.announced_firmware()),
             firmware,
             reported_position: Some(XIAN_POSITION),
             started_us: now_us,
@@ -93,6 +113,8 @@ impl MavlinkAutopilot {
             pending_answer_bytes: Vec::new(),
             received_frames: Vec::new(),
             denied_request_count: 0,
+            restart_count: 0,
+            parameters: firmware.parameters(),
         };
         autopilot.restart_autopilot(now_us);
         autopilot
@@ -134,6 +156,12 @@ impl MavlinkAutopilot {
         self.reader.invalid_byte_count()
     }
 
+    /// Changes a parameter as a ground station does: the autopilot reports the change to all.
+    pub fn change_parameter(&mut self, name: &str, number: f64) {
+        let report = self.parameters.set_number(name, number);
+        self.pending_answer_bytes.extend(self.source.encode_message(&report));
+    }
+
     /// Handles bytes received at `now_us`.
     pub fn receive_bytes(&mut self, now_us: u64, bytes: &[u8]) {
         for frame in self.reader.read_frames(bytes) {
@@ -168,6 +196,7 @@ impl MavlinkAutopilot {
                 HEARTBEAT_DATA::ID => self.source.heartbeat_message(inputs.is_armed),
                 ATTITUDE_DATA::ID => {
                     let mut attitude = self.source.attitude_message(&inputs.true_state, clock_us);
+                    self.subtract_trims(&mut attitude);
                     modify_message(&mut attitude);
                     self.source.encode_message(&attitude)
                 }
@@ -183,11 +212,17 @@ impl MavlinkAutopilot {
         if self.firmware == MavlinkFirmware::IgnoresRequests {
             return;
         }
-        if let Ok(MavMessage::COMMAND_LONG(command)) =
-            MavMessage::parse(MavlinkVersion::V2, frame.message_id, &frame.payload)
-            && self.is_addressed(command.target_system, command.target_component)
+        let message = MavMessage::parse(MavlinkVersion::V2, frame.message_id, &frame.payload);
+        if let Ok(message) = message
+            && let (Some(system), Some(component)) = (message.target_system_id(), message.target_component_id())
+            && self.is_addressed(system, component)
         {
-            self.execute_command(now_us, frame, &command);
+            if let MavMessage::COMMAND_LONG(command) = &message {
+                self.execute_command(now_us, frame, command);
+            }
+            for reply in self.parameters.replies(&message) {
+                self.pending_answer_bytes.extend(self.source.encode_message(&reply));
+            }
         }
         if frame.message_id == REQUEST_DATA_STREAM
             && self.is_addressed(frame.byte_at(2), frame.byte_at(3))
@@ -199,6 +234,17 @@ impl MavlinkAutopilot {
         }
     }
 
+    /// Subtracts the trims as ArduPilot does (`NavEKF3_core::getEulerAngles`, `GCS_MAVLINK_Plane::send_attitude`).
+    fn subtract_trims(&self, attitude: &mut ATTITUDE_DATA) {
+        const UNTRIMMED_PITCH_OPTION: u32 = 256;
+        let number = |name| self.parameters.number(name).unwrap_or(0.0);
+        attitude.roll -= number("AHRS_TRIM_X") as f32;
+        attitude.pitch -= number("AHRS_TRIM_Y") as f32;
+        if number("FLIGHT_OPTIONS") as u32 & UNTRIMMED_PITCH_OPTION == 0 {
+            attitude.pitch -= number("PTCH_TRIM_DEG").to_radians() as f32;
+        }
+    }
+
     fn is_addressed(&self, system: u8, component: u8) -> bool {
         let identity = self.source.identity();
         system == identity.system_id && component == identity.component_id
@@ -206,6 +252,11 @@ impl MavlinkAutopilot {
 
     fn execute_command(&mut self, now_us: u64, frame: &MavlinkFrame, command: &COMMAND_LONG_DATA) {
         if self.firmware == MavlinkFirmware::StreamsOnly {
+            return;
+        }
+        if command.command == MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN {
+            self.restart_count += 1;
+            self.restart_autopilot(now_us);
             return;
         }
         let result = if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {

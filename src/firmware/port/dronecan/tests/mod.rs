@@ -136,6 +136,7 @@ impl Bench {
             settings: &self.settings,
             indicator_state: self.indicator,
             calibration: None,
+            can_node: None,
         };
         let context = NodeContext { snapshot, stored_settings: &self.settings };
         self.commands.extend(self.node.poll(&context));

@@ -126,6 +126,7 @@ impl MavlinkBench {
             settings: &self.settings,
             indicator_state: self.indicator_state,
             calibration: self.calibration.as_ref(),
+            can_node: None,
         };
         let mut out = TransmitBuffer::new();
         let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);

@@ -8,7 +8,7 @@ pub fn bytes_of_hex(hex: &str) -> Vec<u8> {
     (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
 }
 
-fn decode_single(frame: &[u8]) -> InboundMessage {
+pub fn decode_single(frame: &[u8]) -> InboundMessage {
     let (messages, rejected) = decoded_messages(frame);
     assert_eq!((messages.len(), rejected), (1, 0), "{frame:02X?}");
     messages[0]

@@ -2,19 +2,22 @@
 
 mod inbound;
 mod outbound;
+mod parameter;
 mod signature;
 
 use super::*;
 use autoswing::attitude::{AttitudeReport, BodyRates, Heartbeat};
 use autoswing::frames::RollPitch;
 use autoswing::time::WrappingMillis;
+use autoswing_module::messages::ParameterName;
+use mavlink_dialect::{MavAutopilot, MavParamType};
 use testkit::frames::{mavlink_attitude_payload, mavlink_v1_frame, mavlink_v2_frame, with_mavlink_crc};
 
 /// Sender of the frames: system 12, component 34.
 const SENDER: SenderId = SenderId::new(12 * 256 + 34);
 
 /// ID, CRC extra byte, and payload lengths in versions 1 and 2 (common.xml).
-const MESSAGES: [(u8, u8, usize, usize); 9] = [
+const MESSAGES: [(u8, u8, usize, usize); 10] = [
     (30, 39, 28, 28),
     (0, 50, 9, 9),
     (1, 124, 31, 43),
@@ -24,6 +27,7 @@ const MESSAGES: [(u8, u8, usize, usize); 9] = [
     (76, 152, 33, 33),
     (75, 158, 35, 35),
     (77, 143, 3, 10),
+    (22, 220, 25, 25),
 ];
 
 fn v1_frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
@@ -127,7 +131,8 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
 fn a_heartbeat_contains_autopilot_kind_and_armed_state() {
     for (autopilot, is_autopilot) in [(0, true), (3, true), (7, true), (8, false), (9, true), (255, true)] {
         for (base_mode, is_armed) in [(0, false), (0x7F, false), (0x80, true), (0xFF, true)] {
-            let expected = InboundMessage::Heartbeat(Heartbeat { sender: SENDER, is_autopilot, is_armed });
+            let heartbeat = Heartbeat { sender: SENDER, is_autopilot, is_armed };
+            let expected = InboundMessage::Heartbeat(heartbeat, MavAutopilot(autopilot));
             for frame in heartbeat_frames(autopilot, base_mode) {
                 assert_eq!(decoded_messages(&frame), (vec![expected], 0), "{autopilot} {base_mode}");
             }

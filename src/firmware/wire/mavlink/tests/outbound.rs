@@ -6,9 +6,9 @@ use autoswing::time::Timestamp;
 use mavlink_dialect::{MavResult, MavSeverity, MavState};
 
 const OWN_ADDRESS: Address = Address { system_id: 7, component_id: 158 };
-const AUTOPILOT: Address = Address { system_id: 7, component_id: 1 };
+pub const AUTOPILOT: Address = Address { system_id: 7, component_id: 1 };
 
-fn assert_encoded(message: OutboundMessage, hex: &str) {
+pub fn assert_encoded(message: OutboundMessage, hex: &str) {
     assert_eq!(message.into_frame(OWN_ADDRESS, 201, &mut Signatures::new())[..], bytes_of_hex(hex)[..]);
 }
 

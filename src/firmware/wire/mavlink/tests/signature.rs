@@ -25,7 +25,7 @@ fn is_accepted(receiver: &mut MavlinkReceiver, frame: &[u8]) -> bool {
     frame
         .iter()
         .filter_map(|&byte| receiver.push_byte(byte))
-        .any(|message| matches!(message, InboundMessage::Heartbeat(_)))
+        .any(|message| matches!(message, InboundMessage::Heartbeat(..)))
 }
 
 fn signed_frame(signatures: &mut Signatures, from: Address) -> EncodedFrame {

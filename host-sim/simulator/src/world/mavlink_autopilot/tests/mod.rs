@@ -1,5 +1,7 @@
 //! The autopilot alone and with the module's MAVLink protocol.
 
+mod setup;
+
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing_firmware::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
@@ -41,6 +43,10 @@ struct Bench {
     received_messages: Vec<(u64, ReceivedMessage)>,
     module_frames: Vec<(u64, MavlinkFrame)>,
     inputs: AutopilotInputs,
+    settings: Settings,
+    indicator_state: IndicatorState,
+    /// Texts for people.
+    notices: Vec<String>,
 }
 
 impl Bench {
@@ -54,6 +60,9 @@ impl Bench {
             received_messages: vec![],
             module_frames: vec![],
             inputs: AutopilotInputs::default(),
+            settings: Settings::DEFAULT,
+            indicator_state: IndicatorState::Idle,
+            notices: vec![],
         }
     }
 
@@ -83,12 +92,14 @@ impl Bench {
         let snapshot = Snapshot {
             now: Timestamp::from_us(1000 * self.now_ms),
             estimate: &Estimate::EMPTY,
-            settings: &Settings::DEFAULT,
-            indicator_state: IndicatorState::Idle,
+            settings: &self.settings,
+            indicator_state: self.indicator_state,
             calibration: None,
+            can_node: Some(125),
         };
         let mut transmit_buffer = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut transmit_buffer);
+        self.notices.extend(self.module.take_message(snapshot.now).map(|notice| notice.to_string()));
         self.autopilot.receive_bytes(1000 * self.now_ms, transmit_buffer.pending_bytes());
         self.module_frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.now_ms, frame)));
     }

@@ -1,0 +1,135 @@
+//! The module checks and sets up the autopilot's parameters.
+
+use autoswing_module::compass::AutopilotAction;
+
+use super::*;
+
+/// ArduPilot's device ids: a compass on I2C bus 0 at address 14, and the module as node 125.
+const OWN_COMPASS_ID: f64 = 658_945.0;
+const MODULE_ID: f64 = 97_539.0;
+
+/// ArduPilot with a calibrated compass of its own in slot 1, and the module in slot 2, by priority the other way round.
+fn bench_with_two_compasses() -> Bench {
+    let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+    for (name, number) in [
+        ("COMPASS_DEV_ID", OWN_COMPASS_ID),
+        ("COMPASS_DEV_ID2", MODULE_ID),
+        ("COMPASS_PRIO1_ID", MODULE_ID),
+        ("COMPASS_PRIO2_ID", OWN_COMPASS_ID),
+        ("COMPASS_OFS_X", 33.0),
+        ("COMPASS_OFS2_X", 120.5),
+        ("COMPASS_ORIENT2", 6.0),
+    ] {
+        bench.autopilot.parameters.set_number(name, number);
+    }
+    bench.run_for_s(8);
+    bench
+}
+
+/// Texts of an action, without prefix and reason.
+fn run_action(bench: &mut Bench, action: AutopilotAction) -> Vec<String> {
+    bench.module.begin_autopilot_action(action);
+    bench.notices.clear();
+    bench.run_for_s(60);
+    bench.notices.clone()
+}
+
+fn numbers<const COUNT: usize>(bench: &Bench, names: [&str; COUNT]) -> [String; COUNT] {
+    names.map(|name| bench.autopilot.parameters.number(name).unwrap().to_string())
+}
+
+const OWN_COMPASS_TEXT: &str = "compass: slot 1, priority 2: another compass, I2C bus 0 address 14 (id 658945)";
+const MODULE_TEXT: &str = "compass: slot 2, priority 1: this module, DroneCAN bus 0 node 125 (id 97539)";
+
+/// Offsets and orientation go by slot, the use by priority: here `COMPASS_OFS2_X` and `COMPASS_USE`.
+#[test]
+fn a_check_names_the_modules_compass_and_what_is_wrong() {
+    let mut bench = bench_with_two_compasses();
+    assert_eq!(
+        run_action(&mut bench, AutopilotAction::Check),
+        [
+            OWN_COMPASS_TEXT,
+            MODULE_TEXT,
+            "parameter-wrong: COMPASS_USE is 1, wanted 0: its field is raw until the module is calibrated",
+            "parameter-wrong: COMPASS_ORIENT2 is 6, wanted 0: its field is in body axes",
+            "parameter-wrong: COMPASS_OFS2_X is 120.5, wanted 1: an offset, of 1 mG, marks it as calibrated",
+            "autopilot: parameters of the autopilot: 15 right, 3 wrong, 0 changed; to write them: autopilot setup yes",
+        ]
+    );
+    assert_eq!(numbers(&bench, ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X"]), ["1", "6", "120.5"]);
+}
+
+/// First before the calibration, then after it; every third reply is lost. The other compass is not touched.
+#[test]
+fn a_setup_writes_what_is_wrong_in_two_halves() {
+    let mut bench = bench_with_two_compasses();
+    bench.autopilot.parameters.faults.lost_reply_period = 3;
+    let mine = ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X"];
+    let others = ["COMPASS_USE2", "COMPASS_OFS_X", "COMPASS_DEV_ID", "COMPASS_PRIO2_ID"];
+    let others_before = numbers(&bench, others);
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert!(
+        texts.contains(&"parameter-set: COMPASS_ORIENT2 changed from 6 to 0: its field is in body axes".to_owned())
+    );
+    assert!(texts.last().unwrap().contains("18 right, 0 wrong, 3 changed; restart it: autopilot restart"), "{texts:?}");
+    assert_eq!(numbers(&bench, mine), ["0", "0", "1"]);
+    bench.indicator_state = IndicatorState::Calibrated;
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert!(texts.last().unwrap().ends_with("18 right, 0 wrong, 1 changed"), "no restart: {texts:?}");
+    assert_eq!(numbers(&bench, mine), ["1", "0", "1"]);
+    assert_eq!(numbers(&bench, others), others_before);
+    let texts = run_action(&mut bench, AutopilotAction::Check);
+    assert_eq!(texts.last().unwrap(), "autopilot: parameters of the autopilot: 18 right, 0 wrong, 0 changed");
+}
+
+/// Writes that do not last are reported: by a ground station that writes at the same time, to a parameter that is read
+/// only, to one that this version does not have.
+#[test]
+fn a_setup_reports_what_it_could_not_write() {
+    let mut bench = bench_with_two_compasses();
+    bench.autopilot.parameters.faults.rival_write = Some(("COMPASS_ORIENT2", 4.0));
+    bench.autopilot.parameters.set_read_only("COMPASS_OFS2_X");
+    bench.autopilot.parameters.remove_parameter("COMPASS_SCALE2");
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    for text in [
+        "parameter-refused: COMPASS_ORIENT2 was set to 0, and is 4",
+        "parameter-refused: COMPASS_OFS2_X was set to 1, and is 120.5",
+        "parameter-missing: no answer for COMPASS_SCALE2, wanted 0: its field is corrected already",
+    ] {
+        assert!(texts.iter().any(|shown| shown == text), "{text}: {texts:?}");
+    }
+    assert!(texts.last().unwrap().contains("15 right, 3 wrong, 1 changed"), "{texts:?}");
+}
+
+#[test]
+fn nothing_is_written_while_armed() {
+    let mut bench = bench_with_two_compasses();
+    bench.inputs.is_armed = true;
+    bench.run_for_s(2);
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert!(texts.last().unwrap().starts_with("refused armed"), "{texts:?}");
+    assert_eq!(numbers(&bench, ["COMPASS_USE"]), ["1"]);
+}
+
+/// PX4's integers are sent as their bytes.
+#[test]
+fn px4_is_set_up_for_a_yaw_from_outside() {
+    let mut bench = Bench::new(MavlinkFirmware::Px4);
+    bench.settings.sends_vision_yaw = true;
+    bench.run_for_s(2);
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert_eq!(texts[0], "parameter-set: EKF2_EV_CTRL changed from 15 to 8: of a pose only yaw is used");
+    assert_eq!(numbers(&bench, ["EKF2_EV_CTRL"]), ["8"]);
+}
+
+#[test]
+fn a_check_without_an_answer_ends_with_the_reason() {
+    for (firmware, code) in
+        [(MavlinkFirmware::IgnoresRequests, "no-parameters: "), (MavlinkFirmware::ArduPilot, "no-compass: ")]
+    {
+        let mut bench = Bench::new(firmware);
+        bench.run_for_s(40);
+        let texts = run_action(&mut bench, AutopilotAction::Check);
+        assert!(texts.len() == 1 && texts[0].starts_with(code), "{texts:?}");
+    }
+}

@@ -1,0 +1,140 @@
+//! The autopilot's parameters: one client, and its users in turn. A check or a setup comes before the trims.
+
+use mavlink_dialect::MavAutopilot;
+
+use super::attitude_trims::AttitudeTrims;
+use super::autopilot_setup::{AutopilotSetup, SetupContext};
+use super::parameter_client::ParameterClient;
+use super::transmitter::Transmitter;
+use crate::port::message_schedule::MessageSchedule;
+use crate::port::snapshot::Snapshot;
+use crate::wire::mavlink::{Address, OutboundMessage, ParameterEncoding, ReceivedParameter};
+use autoswing::attitude::SenderId;
+use autoswing::frames::RollPitch;
+use autoswing::time::Timestamp;
+use autoswing_module::compass::{AutopilotAction, IndicatorState};
+use autoswing_module::messages::{AutopilotReport, Message};
+
+/// Time after which the trims are read again, microseconds: a change without a message, or whose message was lost.
+const TRIM_PERIOD_US: u64 = 30_000_000;
+
+/// Rate of reports, Hz: a text of three chunks takes 0.3 s.
+const REPORT_HZ: u8 = 3;
+
+/// Parameters of the selected autopilot.
+#[derive(Debug, Default)]
+pub(super) struct AutopilotParameters {
+    /// Autopilot to which the rest belongs, and its firmware.
+    autopilot: Option<(SenderId, MavAutopilot)>,
+    client: ParameterClient,
+    trims: AttitudeTrims,
+    /// Whether the client's read is one of the trims.
+    is_reading_trim: bool,
+    trims_read_at: Timestamp,
+    setup: AutopilotSetup,
+    awaits_restart: bool,
+    report_schedule: MessageSchedule,
+}
+
+impl AutopilotParameters {
+    /// Processes the heartbeat of the selected autopilot.
+    pub fn on_heartbeat(&mut self, autopilot: SenderId, firmware: MavAutopilot) {
+        if self.autopilot != Some((autopilot, firmware)) {
+            *self = Self { autopilot: Some((autopilot, firmware)), ..Self::default() };
+        }
+    }
+
+    /// Processes a parameter of the selected autopilot.
+    pub fn on_parameter(&mut self, received: &ReceivedParameter) {
+        let encoding = self.encoding();
+        if let Some(number) = received.number(encoding) {
+            self.trims.on_parameter(received.name, number);
+        }
+        self.client.on_parameter(received, encoding);
+    }
+
+    /// Attitude in the frame in which the autopilot uses a compass.
+    pub fn untrimmed_attitude(&self, sender: SenderId, sent: RollPitch) -> RollPitch {
+        let is_trimmed = self.is_ardupilot() && self.autopilot.is_some_and(|(autopilot, _)| autopilot == sender);
+        if is_trimmed { self.trims.untrimmed_attitude(sent) } else { sent }
+    }
+
+    /// Begins an action on the autopilot, in place of a check or a setup in progress.
+    pub fn begin_action(&mut self, action: AutopilotAction) {
+        if !self.is_reading_trim {
+            self.client = ParameterClient::default();
+        }
+        let is_supported = self.is_ardupilot() || self.encoding() == ParameterEncoding::Bytewise;
+        match action {
+            AutopilotAction::Check | AutopilotAction::Setup if !is_supported => {
+                self.setup.end(AutopilotReport::NoAutopilot);
+            }
+            AutopilotAction::Check => self.setup.begin(false),
+            AutopilotAction::Setup => self.setup.begin(true),
+            AutopilotAction::Restart => self.awaits_restart = true,
+        }
+    }
+
+    /// Takes a message for all users.
+    pub fn take_message(&mut self, now: Timestamp) -> Option<Message> {
+        if self.trims.take_ambiguity() {
+            return Some(Message::TrimsAmbiguous);
+        }
+        if self.setup.has_report() && self.report_schedule.is_due(now, REPORT_HZ) {
+            return self.setup.take_report();
+        }
+        None
+    }
+
+    /// Sends the due request; returns whether one was sent.
+    pub fn send_due_request(&mut self, snapshot: &Snapshot<'_>, is_disarmed: bool, line: &mut Transmitter<'_>) -> bool {
+        let Some((autopilot, firmware)) = self.autopilot else { return false };
+        let address = Address::from_sender(autopilot);
+        if self.awaits_restart {
+            self.awaits_restart = is_disarmed && !line.send_message(OutboundMessage::autopilot_restart(address));
+            return is_disarmed && !self.awaits_restart;
+        }
+        if self.setup.is_running() && !self.is_reading_trim {
+            let context = SetupContext {
+                firmware,
+                can_node: snapshot.can_node,
+                sends_vision_yaw: snapshot.settings.sends_vision_yaw,
+                is_calibrated: snapshot.indicator_state == IndicatorState::Calibrated,
+                is_disarmed,
+            };
+            self.setup.advance(context, &mut self.client);
+        } else if self.is_ardupilot() {
+            self.read_next_trim(snapshot.now);
+        }
+        self.client.send_due_request(snapshot.now, address, self.encoding(), line)
+    }
+
+    fn read_next_trim(&mut self, now: Timestamp) {
+        if self.client.take_result().is_some() {
+            self.trims.advance_reading();
+            self.trims_read_at = now;
+            self.is_reading_trim = false;
+        }
+        if self.is_reading_trim || self.setup.is_running() {
+            return;
+        }
+        if now.us_since(self.trims_read_at) >= TRIM_PERIOD_US {
+            self.trims.restart_reading();
+        }
+        if let Some(name) = self.trims.next_name() {
+            self.client.begin_read(name);
+            self.is_reading_trim = true;
+        }
+    }
+
+    fn is_ardupilot(&self) -> bool {
+        self.autopilot.is_some_and(|(_, firmware)| firmware == MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA)
+    }
+
+    fn encoding(&self) -> ParameterEncoding {
+        match self.autopilot {
+            Some((_, MavAutopilot::MAV_AUTOPILOT_PX4)) => ParameterEncoding::Bytewise,
+            _ => ParameterEncoding::Cast,
+        }
+    }
+}

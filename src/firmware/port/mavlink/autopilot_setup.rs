@@ -1,0 +1,246 @@
+//! Check and setup of the autopilot's parameters: finds the compass that is the module, then compares each parameter of
+//! the table with its wanted number, and writes it if asked to.
+//!
+//! Parameters of other compasses are read only as far as their ids. A parameter is written while the autopilot reports
+//! that it is disarmed. A report waits until it was taken, and the next parameter waits for it.
+
+use mavlink_dialect::MavAutopilot;
+
+use super::parameter_client::{ParameterClient, ParameterError, is_same_number};
+use super::wanted_parameters::{CalibrationStage, SetupLink, WANTED_PARAMETERS, WantedNumber, WantedParameter};
+use autoswing_module::messages::{
+    AutopilotReport, Message, ParameterCounts, ParameterName, ParameterReport, ParameterState, Refusal,
+    RegisteredCompass,
+};
+
+/// Number of compasses that ArduPilot uses.
+const COMPASS_COUNT: usize = 3;
+
+/// Ids by priority, then by slot.
+const ID_NAMES: [&str; 2 * COMPASS_COUNT] = [
+    "COMPASS_PRIO1_ID",
+    "COMPASS_PRIO2_ID",
+    "COMPASS_PRIO3_ID",
+    "COMPASS_DEV_ID",
+    "COMPASS_DEV_ID2",
+    "COMPASS_DEV_ID3",
+];
+
+/// What check and setup depend on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SetupContext {
+    pub firmware: MavAutopilot,
+    /// Number of the module's node on a CAN bus.
+    pub can_node: Option<u8>,
+    pub sends_vision_yaw: bool,
+    pub is_calibrated: bool,
+    /// Whether the autopilot reports that it is disarmed.
+    pub is_disarmed: bool,
+}
+
+/// Check or setup in progress.
+#[derive(Debug, Default)]
+pub(super) struct AutopilotSetup {
+    is_running: bool,
+    writes: bool,
+    /// Index of the id, then of the row of the table.
+    step: u8,
+    /// Device ids by priority.
+    priority_ids: [u32; COMPASS_COUNT],
+    /// Slot and priority of the module, counted from 1.
+    module_compass: Option<(u8, u8)>,
+    /// Whether the autopilot has answered.
+    has_reply: bool,
+    /// Number before the write in progress.
+    number_before: Option<f32>,
+    counts: ParameterCounts,
+    report: Option<Message>,
+}
+
+impl AutopilotSetup {
+    /// Begins a check, or a setup that also writes.
+    pub fn begin(&mut self, writes: bool) {
+        *self = Self { is_running: true, writes, ..Self::default() };
+    }
+
+    pub const fn is_running(&self) -> bool {
+        self.is_running
+    }
+
+    pub const fn has_report(&self) -> bool {
+        self.report.is_some()
+    }
+
+    /// Takes the next report; the check goes on afterwards.
+    pub const fn take_report(&mut self) -> Option<Message> {
+        self.report.take()
+    }
+
+    /// Continues: processes the result of the last read or write, and begins the next.
+    pub fn advance(&mut self, context: SetupContext, client: &mut ParameterClient) {
+        if self.report.is_some() {
+            return;
+        }
+        if let Some(result) = client.take_result() {
+            self.has_reply |= result != Err(ParameterError::NoReply);
+            self.process_result(context, client, result);
+        }
+        if self.is_running && self.report.is_none() && client.is_idle() {
+            self.begin_next_read(context, client);
+        }
+    }
+
+    fn begin_next_read(&mut self, context: SetupContext, client: &mut ParameterClient) {
+        if context.firmware != MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA {
+            self.step = self.step.max(ID_NAMES.len() as u8);
+        }
+        while usize::from(self.step) < ID_NAMES.len() + WANTED_PARAMETERS.len() {
+            if let Some(name) = self.name_of_step(context) {
+                client.begin_read(name);
+                return;
+            }
+            self.step += 1;
+        }
+        self.end(AutopilotReport::Summary(self.counts));
+    }
+
+    /// Name of the parameter of this step, if it concerns this autopilot and module.
+    fn name_of_step(&self, context: SetupContext) -> Option<ParameterName> {
+        if let Some(name) = ID_NAMES.get(usize::from(self.step)) {
+            return Some(ParameterName::new(name));
+        }
+        let (slot, priority) = self.module_compass.unwrap_or_default();
+        self.row().filter(|row| self.is_applicable(row, context)).map(|row| row.parameter_name(slot, priority))
+    }
+
+    fn row(&self) -> Option<&'static WantedParameter> {
+        WANTED_PARAMETERS.get(usize::from(self.step).checked_sub(ID_NAMES.len())?)
+    }
+
+    fn is_applicable(&self, row: &WantedParameter, context: SetupContext) -> bool {
+        let has_link = match row.link {
+            SetupLink::Compass => self.module_compass.is_some(),
+            SetupLink::Vision => context.sends_vision_yaw,
+        };
+        let is_stage = match row.stage {
+            CalibrationStage::Always => true,
+            CalibrationStage::Uncalibrated => !context.is_calibrated,
+            CalibrationStage::Calibrated => context.is_calibrated,
+        };
+        row.firmware == context.firmware && has_link && is_stage
+    }
+
+    fn process_result(
+        &mut self,
+        context: SetupContext,
+        client: &mut ParameterClient,
+        result: Result<f32, ParameterError>,
+    ) {
+        if !self.has_reply {
+            self.end(AutopilotReport::NoReply);
+        } else if let Some(row) = self.row() {
+            self.process_row(row, context, client, result);
+        } else {
+            self.process_id(context, result.unwrap_or(0.0) as u32);
+        }
+    }
+
+    fn process_id(&mut self, context: SetupContext, device_id: u32) {
+        let step = usize::from(self.step);
+        self.step += 1;
+        if let Some(priority_id) = self.priority_ids.get_mut(step) {
+            *priority_id = device_id;
+            return;
+        }
+        if device_id != 0 {
+            self.process_compass((step - COMPASS_COUNT) as u8 + 1, device_id, context);
+        }
+        if usize::from(self.step) == ID_NAMES.len()
+            && self.module_compass.is_none()
+            && !context.sends_vision_yaw
+            && self.report.is_none()
+        {
+            self.end(AutopilotReport::NoCompass);
+        }
+    }
+
+    fn process_compass(&mut self, slot: u8, device_id: u32, context: SetupContext) {
+        let index = self.priority_ids.iter().position(|priority_id| *priority_id == device_id);
+        let priority = index.map(|index| index as u8 + 1);
+        let is_module = is_device_of_module(device_id, context.can_node);
+        if let Some(priority) = priority.filter(|_| is_module) {
+            self.module_compass = Some((slot, priority));
+        }
+        let compass = RegisteredCompass { slot, priority, device_id, is_module };
+        self.report = Some(Message::Autopilot(AutopilotReport::Compass(compass)));
+    }
+
+    fn process_row(
+        &mut self,
+        row: &WantedParameter,
+        context: SetupContext,
+        client: &mut ParameterClient,
+        result: Result<f32, ParameterError>,
+    ) {
+        let read_number = result.unwrap_or(0.0);
+        let wanted = match row.wanted {
+            WantedNumber::Exactly(number) => number,
+            WantedNumber::Rewritten => self.number_before.unwrap_or(read_number),
+        };
+        let is_right = is_same_number(read_number, wanted);
+        let is_to_write = self.writes && self.number_before.is_none() && result.is_ok();
+        let (number, state) = match (result, self.number_before) {
+            (Ok(number), None) if is_to_write && (!is_right || row.wanted == WantedNumber::Rewritten) => {
+                if context.is_disarmed {
+                    self.number_before = Some(number);
+                    client.begin_write(wanted);
+                } else {
+                    self.is_running = false;
+                    self.report = Some(Message::CommandRejected(Refusal::Armed));
+                }
+                return;
+            }
+            (Ok(number), None) => (number, (!is_right).then_some(ParameterState::Wrong)),
+            (Ok(_), Some(before)) => {
+                (before, (before.to_bits() != wanted.to_bits()).then_some(ParameterState::Changed))
+            }
+            (Err(ParameterError::NotChanged(number)), _) => (number, Some(ParameterState::NotChanged)),
+            (Err(_), _) => (read_number, Some(ParameterState::Missing)),
+        };
+        match state {
+            None => self.counts.right += 1,
+            Some(ParameterState::Changed) => {
+                self.counts.right += 1;
+                self.counts.changed += 1;
+                self.counts.needs_restart |= row.stage != CalibrationStage::Calibrated;
+            }
+            Some(_) => self.counts.wrong += 1,
+        }
+        self.report = state.map(|state| {
+            let (slot, priority) = self.module_compass.unwrap_or_default();
+            let name = row.parameter_name(slot, priority);
+            let report = ParameterReport { name, number, wanted, reason: row.reason, state };
+            Message::Autopilot(AutopilotReport::Parameter(report))
+        });
+        self.number_before = None;
+        self.step += 1;
+    }
+
+    /// Ends with a report.
+    pub const fn end(&mut self, report: AutopilotReport) {
+        self.is_running = false;
+        self.report = Some(Message::Autopilot(report));
+    }
+}
+
+/// Whether ArduPilot's device id (`AP_HAL::Device`) is that of a compass by MSP, or of this node's on a CAN bus.
+fn is_device_of_module(device_id: u32, can_node: Option<u8>) -> bool {
+    const DRONECAN_BUS: u32 = 3;
+    const MSP_BUS: u32 = 5;
+    let (bus_kind, address) = (device_id & 7, device_id >> 8 & 0xFF);
+    match bus_kind {
+        MSP_BUS => true,
+        DRONECAN_BUS => can_node.is_some_and(|node| u32::from(node) == address),
+        _ => false,
+    }
+}

@@ -1,0 +1,128 @@
+//! Results of `autopilot check` and `autopilot setup`: the autopilot's compasses and parameters.
+
+use core::fmt;
+
+use super::parameter_name::ParameterName;
+use autoswing::decimal::ShortestDecimal;
+
+/// Result of a check or a setup of the autopilot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AutopilotReport {
+    /// No ArduPilot or PX4 is known on a MAVLink line.
+    NoAutopilot,
+    /// The autopilot does not answer for its parameters.
+    NoReply,
+    /// None of the autopilot's compasses is the module, and it is not sent poses either.
+    NoCompass,
+    /// One of the autopilot's compasses.
+    Compass(RegisteredCompass),
+    /// A parameter that is not as wanted.
+    Parameter(ParameterReport),
+    /// End of a check or a setup: numbers of parameters.
+    Summary(ParameterCounts),
+}
+
+/// Compass that the autopilot has registered. Slot and priority are counted from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RegisteredCompass {
+    /// Slot, by which offsets and ids go.
+    pub slot: u8,
+    /// Priority, by which the use goes; `None` before the autopilot's next start.
+    pub priority: Option<u8>,
+    /// ArduPilot's device id.
+    pub device_id: u32,
+    /// Whether it is the module.
+    pub is_module: bool,
+}
+
+/// Parameter of the autopilot, and its wanted number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParameterReport {
+    /// Name of the parameter.
+    pub name: ParameterName,
+    /// Number of the parameter, before a change.
+    pub number: f32,
+    /// Wanted number.
+    pub wanted: f32,
+    /// Reason, a clause.
+    pub reason: &'static str,
+    /// State of the parameter.
+    pub state: ParameterState,
+}
+
+/// State of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterState {
+    /// It has another number than wanted.
+    Wrong,
+    /// It was changed, and read back.
+    Changed,
+    /// It was written, and has another number all the same.
+    NotChanged,
+    /// The autopilot does not answer for it.
+    Missing,
+}
+
+/// Numbers of parameters by their state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ParameterCounts {
+    /// As wanted, before or after.
+    pub right: u8,
+    /// Not as wanted.
+    pub wrong: u8,
+    /// Changed by this setup; they are right, too.
+    pub changed: u8,
+    /// Whether a change takes effect at the autopilot's next start.
+    pub needs_restart: bool,
+}
+
+impl fmt::Display for RegisteredCompass {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { slot, priority, device_id, is_module } = *self;
+        write!(f, "slot {slot}, ")?;
+        match priority {
+            Some(priority) => write!(f, "priority {priority}: ")?,
+            None => f.write_str("no priority: ")?,
+        }
+        f.write_str(if is_module { "this module, " } else { "another compass, " })?;
+        write!(f, "{} (id {device_id})", DeviceBus(device_id))
+    }
+}
+
+/// Bus and address of ArduPilot's device id (`AP_HAL::Device`): kind of bus in bits 0 to 2, its number in bits 3 to 7,
+/// the address in bits 8 to 15.
+#[derive(Clone, Copy, Debug)]
+struct DeviceBus(u32);
+
+impl fmt::Display for DeviceBus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (kind, bus, address) = (self.0 & 7, self.0 >> 3 & 31, self.0 >> 8 & 255);
+        match kind {
+            1 => write!(f, "I2C bus {bus} address {address}"),
+            2 => write!(f, "SPI bus {bus} device {address}"),
+            3 => write!(f, "DroneCAN bus {bus} node {address}"),
+            5 => write!(f, "MSP"),
+            _ => write!(f, "bus kind {kind}"),
+        }
+    }
+}
+
+impl fmt::Display for ParameterReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, reason, .. } = self;
+        let [number, wanted] = [self.number, self.wanted].map(|number| ShortestDecimal(number, 0));
+        match self.state {
+            ParameterState::Wrong => write!(f, "{name} is {number}, wanted {wanted}: {reason}"),
+            ParameterState::Changed => write!(f, "{name} changed from {number} to {wanted}: {reason}"),
+            ParameterState::NotChanged => write!(f, "{name} was set to {wanted}, and is {number}"),
+            ParameterState::Missing => write!(f, "no answer for {name}, wanted {wanted}: {reason}"),
+        }
+    }
+}
+
+impl fmt::Display for ParameterCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { right, wrong, changed, .. } = self;
+        write!(f, "parameters of the autopilot: {right} right, {wrong} wrong, {changed} changed")
+    }
+}
