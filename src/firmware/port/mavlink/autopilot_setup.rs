@@ -105,7 +105,7 @@ impl AutopilotSetup {
             }
             self.step += 1;
         }
-        if usize::from(self.step) == TRIM_STEP && context.trims_deg != [0.0; 2] {
+        if usize::from(self.step) == TRIM_STEP && context.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0) {
             self.step += 1;
             self.report = Some(AutopilotReport::Trims(context.trims_deg));
         } else {

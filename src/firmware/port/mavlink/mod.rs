@@ -162,7 +162,6 @@ impl Mavlink {
                     }
                 }
             }
-            InboundMessage::Command(_) => None,
             InboundMessage::Acknowledgement(ack) => {
                 if is_autopilot(&ack.sender_id) && is_own(ack.target) {
                     self.request_sequence.on_acknowledgement(at, ack);
@@ -174,7 +173,7 @@ impl Mavlink {
             {
                 self.own_parameters.process_request(&request).map(ReceivedMessage::Command)
             }
-            InboundMessage::ParameterRequest(..) => None,
+            InboundMessage::Command(_) | InboundMessage::ParameterRequest(..) => None,
             InboundMessage::Parameter(source, parameter) => {
                 if is_autopilot(&source) {
                     self.autopilot_parameters.on_parameter(&parameter);

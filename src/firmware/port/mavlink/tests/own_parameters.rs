@@ -73,7 +73,7 @@ fn a_setting_is_changed_as_from_the_can_bus() {
     assert_eq!(sent_parameters(&mut bench), []);
     bench.settings.attitude_rate_hz = 25;
     bench.mavlink.complete_command(command, Ok(()));
-    assert_eq!(sent_parameters(&mut bench)[0].1, 25.0);
+    assert_eq!(sent_parameters(&mut bench), [("ATTITUDE_RATE".to_owned(), 25.0, Setting::PARAMETER_COUNT, 10)]);
     for (name, number) in
         [("ATTITUDE_RATE", 25.5), ("ATTITUDE_RATE", -1.0), ("ATTITUDE_RATE", f32::NAN), ("SIGNING", 1.0)]
     {
