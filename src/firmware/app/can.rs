@@ -103,16 +103,18 @@ pub async fn run_can<B: UpdateHandOver>(
             }
         };
         // Estimates come first: frames of a full bus must not delay them.
-        match select4(estimated, send_frames, wires.command_results.wait(), rx.receive_frame()).await {
+        let event = select4(estimated, send_frames, wires.command_results.wait(), rx.receive_frame()).await;
+        // The answer to a changed setting has its new value.
+        if let Some(changed) = changes.try_changed() {
+            settings = changed;
+            tx.set_termination(settings.can.is_terminated);
+            node.set_signing_key(settings.signing_key);
+        }
+        match event {
             Either4::First(()) => {
                 increment_counter(&wires.heartbeat);
                 node.add_bus_errors(rx.take_error_count());
                 poll_at = Instant::now() + SAFE_MODE_POLL_PERIOD;
-                if let Some(changed) = changes.try_changed() {
-                    settings = changed;
-                    tx.set_termination(settings.can.is_terminated);
-                    node.set_signing_key(settings.signing_key);
-                }
                 if let Ok(message) = wires.messages.try_receive() {
                     node.queue_text(&message);
                 }

@@ -12,12 +12,16 @@ pub enum AutopilotReport {
     NoAutopilot,
     /// The autopilot does not answer for its parameters.
     NoReply,
+    /// The autopilot does not report that it is disarmed, and a parameter is to be written.
+    Armed,
     /// None of the autopilot's compasses is the module, and it is not sent poses either.
     NoCompass,
     /// One of the autopilot's compasses.
     Compass(RegisteredCompass),
     /// A parameter that is not as wanted.
     Parameter(ParameterReport),
+    /// Trims of roll and pitch, degrees, that the autopilot subtracts from its attitude, and the module adds again.
+    Trims([f32; 2]),
     /// End of a check or a setup: numbers of parameters.
     Summary(ParameterCounts),
 }
@@ -35,19 +39,50 @@ pub struct RegisteredCompass {
     pub is_module: bool,
 }
 
-/// Parameter of the autopilot, and its wanted number.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ParameterReport {
-    /// Name of the parameter.
-    pub name: ParameterName,
-    /// Number of the parameter, before a change.
-    pub number: f32,
-    /// Wanted number.
-    pub wanted: f32,
+/// Parameter of the autopilot that the module needs.
+#[derive(Debug, PartialEq)]
+pub struct WantedParameter {
+    /// Name, with `#` for the compass's slot and `^` for its priority; the first of either has no digit.
+    pub name_pattern: &'static str,
+    /// Wanted number; `None` for the number that it has, written again.
+    pub number: Option<f32>,
     /// Reason, a clause.
     pub reason: &'static str,
+}
+
+impl WantedParameter {
+    /// Name of the parameter for a compass's slot and priority, counted from 1.
+    #[must_use]
+    pub fn parameter_name(&self, slot: u8, priority: u8) -> ParameterName {
+        let number_of = |letter| match letter {
+            b'#' => Some(slot),
+            b'^' => Some(priority),
+            _ => None,
+        };
+        let letters = self.name_pattern.bytes().filter_map(|letter| match number_of(letter) {
+            Some(1) => None,
+            Some(number) => Some(b'0' + number),
+            None => Some(letter),
+        });
+        let mut name = ParameterName::default();
+        name.0.iter_mut().zip(letters).for_each(|(target, letter)| *target = letter);
+        name
+    }
+}
+
+/// Parameter of the autopilot, and its state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParameterReport {
+    /// Parameter as wanted. A reference, because messages are queued in memory.
+    pub wanted: &'static WantedParameter,
+    /// Slot of the module's compass.
+    pub slot: u8,
+    /// Priority of the module's compass.
+    pub priority: u8,
     /// State of the parameter.
     pub state: ParameterState,
+    /// Number of the parameter, before a change.
+    pub number: f32,
 }
 
 /// State of a parameter.
@@ -109,8 +144,9 @@ impl fmt::Display for DeviceBus {
 
 impl fmt::Display for ParameterReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, reason, .. } = self;
-        let [number, wanted] = [self.number, self.wanted].map(|number| ShortestDecimal(number, 0));
+        let Self { wanted: WantedParameter { number: wanted, reason, .. }, slot, priority, .. } = *self;
+        let name = self.wanted.parameter_name(slot, priority);
+        let [number, wanted] = [self.number, wanted.unwrap_or(self.number)].map(|number| ShortestDecimal(number, 0));
         match self.state {
             ParameterState::Wrong => write!(f, "{name} is {number}, wanted {wanted}: {reason}"),
             ParameterState::Changed => write!(f, "{name} changed from {number} to {wanted}: {reason}"),

@@ -88,12 +88,12 @@ impl Message {
 impl AutopilotReport {
     const fn severity(&self) -> Severity {
         match self {
-            Self::Compass(_) | Self::Summary(_) => Severity::Info,
+            Self::Compass(_) | Self::Trims(_) | Self::Summary(_) => Severity::Info,
             Self::Parameter(report) => match report.state {
                 ParameterState::Changed => Severity::Info,
                 ParameterState::Wrong | ParameterState::NotChanged | ParameterState::Missing => Severity::Warning,
             },
-            Self::NoAutopilot | Self::NoReply | Self::NoCompass => Severity::Warning,
+            Self::NoAutopilot | Self::NoReply | Self::Armed | Self::NoCompass => Severity::Warning,
         }
     }
 }

@@ -79,12 +79,21 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
             format_args!("the autopilot does not answer for its parameters"),
             format_args!("check that the module's TX reaches it, and signatures"),
         ),
+        AutopilotReport::Armed => Refusal::Armed.show_entry(show),
         AutopilotReport::NoCompass => show(
             "no-compass",
             format_args!("the autopilot has no compass that is this module"),
             format_args!("power both together, or restart the autopilot"),
         ),
         AutopilotReport::Compass(compass) => show("compass", format_args!("{compass}"), NO_ADVICE),
+        AutopilotReport::Trims(trims_deg) => {
+            let [roll_deg, pitch_deg] = trims_deg.map(Decimal::<1>);
+            show(
+                "trims",
+                format_args!("the autopilot's attitude lacks {roll_deg} deg of roll, {pitch_deg} of pitch; removed"),
+                NO_ADVICE,
+            )
+        }
         AutopilotReport::Parameter(report) => {
             let code = match report.state {
                 ParameterState::Wrong => "parameter-wrong",

@@ -23,7 +23,9 @@ mod sample_loss;
 
 pub use accuracy::ExpectedAccuracy;
 pub use accuracy::ExpectedErrorText;
-pub use autopilot_report::{AutopilotReport, ParameterCounts, ParameterReport, ParameterState, RegisteredCompass};
+pub use autopilot_report::{
+    AutopilotReport, ParameterCounts, ParameterReport, ParameterState, RegisteredCompass, WantedParameter,
+};
 pub use message::{Message, Severity, SolveOutcome};
 pub use parameter_name::ParameterName;
 pub use refusal::{Refusal, RefusalCause};

@@ -222,13 +222,16 @@ fn messages() -> Vec<(Message, Severity, &'static str, &'static str)> {
 }
 
 fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
-    use AutopilotReport::{Compass, NoAutopilot, NoCompass, NoReply, Parameter, Summary};
+    use AutopilotReport::{Compass, NoAutopilot, NoCompass, NoReply, Parameter, Summary, Trims};
     use ParameterState::{Changed, Missing, NotChanged, Wrong};
     let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
     let parameter = |state| {
-        let name = ParameterName::new("COMPASS_OFS2_X");
-        let reason = "an offset, of 1 mG, marks it as calibrated";
-        Parameter(ParameterReport { name, number: -0.25, wanted: 1.0, reason, state })
+        static WANTED: WantedParameter = WantedParameter {
+            name_pattern: "COMPASS_OFS#_X",
+            number: Some(1.0),
+            reason: "an offset, of 1 mG, marks it as calibrated",
+        };
+        Parameter(ParameterReport { wanted: &WANTED, slot: 2, priority: 1, number: -0.25, state })
     };
     let counts = |wrong, changed| Summary(ParameterCounts { right: 18, wrong, changed, needs_restart: changed > 1 });
     [
@@ -259,6 +262,8 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         ),
         (compass(97_547, Some(2)), Severity::Info, "compass: slot 3, ", "DroneCAN bus 1 node 125 (id 97547)"),
         (compass(5, Some(2)), Severity::Info, "compass: slot 3, ", "MSP (id 5)"),
+        (Trims([0.0, 3.0]), Severity::Info, "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0", "; removed"),
+        (AutopilotReport::Armed, Severity::Warning, "armed: the autopilot is armed", "wait for 5 s"),
         (
             parameter(Wrong),
             Severity::Warning,

@@ -317,6 +317,9 @@ impl Setting {
         SETTINGS.iter().find(|setting| setting.is_parameter() && setting.parameter_name.as_bytes() == parameter_name)
     }
 
+    /// Number of parameters: all settings but the alignment.
+    pub const PARAMETER_COUNT: u8 = SETTINGS.len() as u8 - 1;
+
     /// Setting with this position as a parameter.
     #[must_use]
     pub fn nth_parameter(index: u8) -> Option<&'static Self> {

@@ -147,6 +147,19 @@ pub enum SettingValue {
     Key(Option<SigningKey>),
 }
 
+impl SettingValue {
+    /// Value as a number: NaN if unset; 1 if there is a key, and 0 otherwise.
+    #[must_use]
+    pub fn to_number(self) -> f32 {
+        match self {
+            Self::Whole(number) => number as f32,
+            Self::Number(number) => number.unwrap_or(f32::NAN),
+            Self::Numbers([number, _]) => number,
+            Self::Key(key) => f32::from(u8::from(key.is_some())),
+        }
+    }
+}
+
 /// Secret key of MAVLink's signatures.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SigningKey(pub [u8; 32]);
@@ -175,6 +188,20 @@ impl<S: Copy + Default> SettingRow<S> {
             }
             SettingKind::Angle(field, ..) => SettingValue::Number(*field(settings)),
             SettingKind::Key(field) => SettingValue::Key(*field(settings)),
+        }
+    }
+
+    /// Value of this setting's kind from a finite number; `None` for a fraction of a whole number, and for a key.
+    #[must_use]
+    pub fn number_value(&self, number: f32) -> Option<SettingValue> {
+        match self.value(&S::default()) {
+            // The cast saturates, so that a negative number or a fraction differs from its whole number.
+            SettingValue::Whole(_) => {
+                let whole = number as u32;
+                (whole as f32 - number == 0.0).then_some(SettingValue::Whole(whole))
+            }
+            SettingValue::Number(_) => Some(SettingValue::Number(Some(number))),
+            SettingValue::Numbers(_) | SettingValue::Key(_) => None,
         }
     }
 

@@ -65,12 +65,15 @@ impl AttitudeTrims {
 
     /// Attitude in the frame of the autopilot's filter, from the attitude that it sent.
     pub fn untrimmed_attitude(&self, sent: RollPitch) -> RollPitch {
+        let [roll_trim_rad, pitch_trim_rad] = self.trims_rad();
+        RollPitch { roll_rad: wrap_pi(sent.roll_rad + roll_trim_rad), pitch_rad: sent.pitch_rad + pitch_trim_rad }
+    }
+
+    /// Roll and pitch that the autopilot subtracts, radians.
+    pub fn trims_rad(&self) -> [f32; 2] {
         let [roll_trim_rad, pitch_trim_rad, ..] = self.numbers;
         let plane_trim_rad = if self.is_ambiguous() { 0.0 } else { self.plane_pitch_trim_rad() };
-        RollPitch {
-            roll_rad: wrap_pi(sent.roll_rad + roll_trim_rad),
-            pitch_rad: sent.pitch_rad + pitch_trim_rad + plane_trim_rad,
-        }
+        [roll_trim_rad, pitch_trim_rad + plane_trim_rad]
     }
 
     /// Whether the trims have become ambiguous since the last call.

@@ -81,7 +81,7 @@ impl AutopilotParameters {
             return Some(Message::TrimsAmbiguous);
         }
         if self.setup.has_report() && self.report_schedule.is_due(now, REPORT_HZ) {
-            return self.setup.take_report();
+            return self.setup.take_report().map(Message::Autopilot);
         }
         None
     }
@@ -101,6 +101,7 @@ impl AutopilotParameters {
                 sends_vision_yaw: snapshot.settings.sends_vision_yaw,
                 is_calibrated: snapshot.indicator_state == IndicatorState::Calibrated,
                 is_disarmed,
+                trims_deg: if self.is_ardupilot() { self.trims.trims_rad().map(f32::to_degrees) } else { [0.0; 2] },
             };
             self.setup.advance(context, &mut self.client);
         } else if self.is_ardupilot() {

@@ -7,10 +7,9 @@
 use mavlink_dialect::MavAutopilot;
 
 use super::parameter_client::{ParameterClient, ParameterError, is_same_number};
-use super::wanted_parameters::{CalibrationStage, SetupLink, WANTED_PARAMETERS, WantedNumber, WantedParameter};
+use super::wanted_parameters::{CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink};
 use autoswing_module::messages::{
-    AutopilotReport, Message, ParameterCounts, ParameterName, ParameterReport, ParameterState, Refusal,
-    RegisteredCompass,
+    AutopilotReport, ParameterCounts, ParameterName, ParameterReport, ParameterState, RegisteredCompass,
 };
 
 /// Number of compasses that ArduPilot uses.
@@ -26,6 +25,9 @@ const ID_NAMES: [&str; 2 * COMPASS_COUNT] = [
     "COMPASS_DEV_ID3",
 ];
 
+/// Step after all parameters: the trims.
+const TRIM_STEP: usize = ID_NAMES.len() + PARAMETER_ROWS.len();
+
 /// What check and setup depend on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SetupContext {
@@ -36,6 +38,8 @@ pub(super) struct SetupContext {
     pub is_calibrated: bool,
     /// Whether the autopilot reports that it is disarmed.
     pub is_disarmed: bool,
+    /// Trims of roll and pitch that are removed from the autopilot's attitude, degrees.
+    pub trims_deg: [f32; 2],
 }
 
 /// Check or setup in progress.
@@ -54,7 +58,7 @@ pub(super) struct AutopilotSetup {
     /// Number before the write in progress.
     number_before: Option<f32>,
     counts: ParameterCounts,
-    report: Option<Message>,
+    report: Option<AutopilotReport>,
 }
 
 impl AutopilotSetup {
@@ -72,7 +76,7 @@ impl AutopilotSetup {
     }
 
     /// Takes the next report; the check goes on afterwards.
-    pub const fn take_report(&mut self) -> Option<Message> {
+    pub const fn take_report(&mut self) -> Option<AutopilotReport> {
         self.report.take()
     }
 
@@ -94,14 +98,19 @@ impl AutopilotSetup {
         if context.firmware != MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA {
             self.step = self.step.max(ID_NAMES.len() as u8);
         }
-        while usize::from(self.step) < ID_NAMES.len() + WANTED_PARAMETERS.len() {
+        while usize::from(self.step) < TRIM_STEP {
             if let Some(name) = self.name_of_step(context) {
                 client.begin_read(name);
                 return;
             }
             self.step += 1;
         }
-        self.end(AutopilotReport::Summary(self.counts));
+        if usize::from(self.step) == TRIM_STEP && context.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0) {
+            self.step += 1;
+            self.report = Some(AutopilotReport::Trims(context.trims_deg));
+        } else {
+            self.end(AutopilotReport::Summary(self.counts));
+        }
     }
 
     /// Name of the parameter of this step, if it concerns this autopilot and module.
@@ -110,14 +119,14 @@ impl AutopilotSetup {
             return Some(ParameterName::new(name));
         }
         let (slot, priority) = self.module_compass.unwrap_or_default();
-        self.row().filter(|row| self.is_applicable(row, context)).map(|row| row.parameter_name(slot, priority))
+        self.row().filter(|row| self.is_applicable(row, context)).map(|row| row.wanted.parameter_name(slot, priority))
     }
 
-    fn row(&self) -> Option<&'static WantedParameter> {
-        WANTED_PARAMETERS.get(usize::from(self.step).checked_sub(ID_NAMES.len())?)
+    fn row(&self) -> Option<&'static ParameterRow> {
+        PARAMETER_ROWS.get(usize::from(self.step).checked_sub(ID_NAMES.len())?)
     }
 
-    fn is_applicable(&self, row: &WantedParameter, context: SetupContext) -> bool {
+    fn is_applicable(&self, row: &'static ParameterRow, context: SetupContext) -> bool {
         let has_link = match row.link {
             SetupLink::Compass => self.module_compass.is_some(),
             SetupLink::Vision => context.sends_vision_yaw,
@@ -172,31 +181,27 @@ impl AutopilotSetup {
             self.module_compass = Some((slot, priority));
         }
         let compass = RegisteredCompass { slot, priority, device_id, is_module };
-        self.report = Some(Message::Autopilot(AutopilotReport::Compass(compass)));
+        self.report = Some(AutopilotReport::Compass(compass));
     }
 
     fn process_row(
         &mut self,
-        row: &WantedParameter,
+        row: &'static ParameterRow,
         context: SetupContext,
         client: &mut ParameterClient,
         result: Result<f32, ParameterError>,
     ) {
         let read_number = result.unwrap_or(0.0);
-        let wanted = match row.wanted {
-            WantedNumber::Exactly(number) => number,
-            WantedNumber::Rewritten => self.number_before.unwrap_or(read_number),
-        };
+        let wanted = row.wanted.number.or(self.number_before).unwrap_or(read_number);
         let is_right = is_same_number(read_number, wanted);
         let is_to_write = self.writes && self.number_before.is_none() && result.is_ok();
         let (number, state) = match (result, self.number_before) {
-            (Ok(number), None) if is_to_write && (!is_right || row.wanted == WantedNumber::Rewritten) => {
+            (Ok(number), None) if is_to_write && (!is_right || row.wanted.number.is_none()) => {
                 if context.is_disarmed {
                     self.number_before = Some(number);
                     client.begin_write(wanted);
                 } else {
-                    self.is_running = false;
-                    self.report = Some(Message::CommandRejected(Refusal::Armed));
+                    self.end(AutopilotReport::Armed);
                 }
                 return;
             }
@@ -218,9 +223,8 @@ impl AutopilotSetup {
         }
         self.report = state.map(|state| {
             let (slot, priority) = self.module_compass.unwrap_or_default();
-            let name = row.parameter_name(slot, priority);
-            let report = ParameterReport { name, number, wanted, reason: row.reason, state };
-            Message::Autopilot(AutopilotReport::Parameter(report))
+            let report = ParameterReport { wanted: &row.wanted, slot, priority, state, number };
+            AutopilotReport::Parameter(report)
         });
         self.number_before = None;
         self.step += 1;
@@ -229,7 +233,7 @@ impl AutopilotSetup {
     /// Ends with a report.
     pub const fn end(&mut self, report: AutopilotReport) {
         self.is_running = false;
-        self.report = Some(Message::Autopilot(report));
+        self.report = Some(report);
     }
 }
 

@@ -7,6 +7,7 @@
 //! - sends a heartbeat with its state once a second;
 //! - requests attitude, current, position and time from the autopilot;
 //! - reads ArduPilot's trims, and turns its attitude back into the frame of its compasses;
+//! - sends and changes its settings as parameters;
 //! - accepts commands to component 158 from any sender. Commands to all components are left to the autopilot, whose own
 //!   compass they are meant for;
 //! - sends texts, progress and report of collections, and headings as named values;
@@ -20,6 +21,7 @@ mod autopilot_parameters;
 mod autopilot_setup;
 mod collection;
 mod commands;
+mod own_parameters;
 mod parameter_client;
 mod requests;
 mod status_texts;
@@ -32,7 +34,7 @@ use crate::port::message_schedule::MessageSchedule;
 use crate::port::protocol::{Protocol, ReceivedMessage};
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
-use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, Pose};
+use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, ParameterRequest, Pose};
 use autopilot_parameters::AutopilotParameters;
 use autoswing::attitude::{AttitudeReport, SenderId, SenderSelector};
 use autoswing::calibration::Calibration;
@@ -44,6 +46,7 @@ use autoswing_module::messages::{Message as Notice, Refusal};
 use autoswing_module::settings::SigningKey;
 use collection::CollectionReporter;
 use commands::CommandHandler;
+use own_parameters::OwnParameters;
 use requests::RequestSequence;
 use status_texts::PendingTexts;
 pub(super) use transmitter::Transmitter;
@@ -66,6 +69,7 @@ pub struct Mavlink {
     sequence_number: u8,
     request_sequence: RequestSequence,
     autopilot_parameters: AutopilotParameters,
+    own_parameters: OwnParameters,
     command_handler: CommandHandler,
     pending_texts: PendingTexts,
     collection_reporter: CollectionReporter,
@@ -99,6 +103,7 @@ impl Mavlink {
     /// restart.
     pub fn complete_command(&mut self, command: Command, result: Result<(), &Refusal>) {
         self.command_handler.complete_command(command, result);
+        self.own_parameters.complete_command(command);
         self.queue_refusal(result.err().cloned());
     }
 
@@ -157,13 +162,18 @@ impl Mavlink {
                     }
                 }
             }
-            InboundMessage::Command(_) => None,
             InboundMessage::Acknowledgement(ack) => {
                 if is_autopilot(&ack.sender_id) && is_own(ack.target) {
                     self.request_sequence.on_acknowledgement(at, ack);
                 }
                 None
             }
+            InboundMessage::ParameterRequest(target, request)
+                if is_own(target) && (target.component_id == OWN_COMPONENT || request == ParameterRequest::List) =>
+            {
+                self.own_parameters.process_request(&request).map(ReceivedMessage::Command)
+            }
+            InboundMessage::Command(_) | InboundMessage::ParameterRequest(..) => None,
             InboundMessage::Parameter(source, parameter) => {
                 if is_autopilot(&source) {
                     self.autopilot_parameters.on_parameter(&parameter);
@@ -246,6 +256,7 @@ impl Protocol for Mavlink {
             || self.send_heartbeat(snapshot, line)
             || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
             || self.autopilot_parameters.send_due_request(snapshot, is_disarmed, line)
+            || self.own_parameters.send_due_parameter(snapshot.settings, now, line)
             || self.collection_reporter.send_report_or_progress(snapshot, line)
             || self.send_progress_percent(snapshot, line)
             || self.pending_texts.send_next_chunk(now, line)

@@ -7,8 +7,8 @@ use core::array::from_fn;
 
 use mavlink_dialect::{
     ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavParamType, PARAM_VALUE_DATA,
-    PayloadLengths, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavParamType, PARAM_REQUEST_LIST_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, PayloadLengths, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::frame::Address;
@@ -38,6 +38,8 @@ pub enum InboundMessage {
     Acknowledgement(Acknowledgement),
     /// PARAM_VALUE: parameter of the sender.
     Parameter(SenderId, ReceivedParameter),
+    /// PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET, and its addressee.
+    ParameterRequest(Address, ParameterRequest),
 }
 
 /// Received command.
@@ -53,6 +55,22 @@ pub struct ReceivedCommand {
     pub confirmation: u8,
     /// First four parameters, which have the same meaning in both messages.
     pub parameters: [f32; 4],
+}
+
+/// Request for the parameters of an addressee.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterRequest {
+    /// Send all.
+    List,
+    /// Send one.
+    Read {
+        /// Name, if the index is negative.
+        name: ParameterName,
+        /// Position in the list.
+        index: i16,
+    },
+    /// Change one.
+    Write(ReceivedParameter),
 }
 
 /// Result of a command.
@@ -92,7 +110,7 @@ impl MessageSpec {
 }
 
 /// Supported messages, the most frequent first.
-pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 10] = [
+pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 13] = [
     MessageSpec::from_dialect::<ATTITUDE_DATA>(parse_attitude),
     MessageSpec::from_dialect::<SYS_STATUS_DATA>(parse_system_status),
     MessageSpec::from_dialect::<HEARTBEAT_DATA>(parse_heartbeat),
@@ -103,6 +121,9 @@ pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 10] = [
     MessageSpec::from_dialect::<COMMAND_INT_DATA>(parse_command_int),
     MessageSpec::from_dialect::<COMMAND_ACK_DATA>(parse_acknowledgement),
     MessageSpec::from_dialect::<PARAM_VALUE_DATA>(parse_parameter),
+    MessageSpec::from_dialect::<PARAM_REQUEST_READ_DATA>(parse_parameter_read),
+    MessageSpec::from_dialect::<PARAM_REQUEST_LIST_DATA>(parse_parameter_list),
+    MessageSpec::from_dialect::<PARAM_SET_DATA>(parse_parameter_write),
 ];
 
 /// Longest payload of a supported message, bytes.
@@ -145,6 +166,19 @@ impl PayloadReader<'_> {
     /// Signed integer, multiplied by its unit.
     fn read_scaled_integer(&self, offset: usize, unit: f32) -> f32 {
         self.read_u32(offset).cast_signed() as f32 * unit
+    }
+
+    fn read_name(&self, offset: usize) -> ParameterName {
+        ParameterName(from_fn(|byte| self.read_u8(offset + byte)))
+    }
+
+    /// Value at the start, name, and kind behind the name.
+    fn read_parameter(&self, name_offset: usize) -> ReceivedParameter {
+        ReceivedParameter {
+            name: self.read_name(name_offset),
+            value_bits: self.read_u32(0),
+            kind: MavParamType(self.read_u8(name_offset + size_of::<ParameterName>())),
+        }
     }
 
     fn read_address(&self, offset: usize) -> Address {
@@ -283,12 +317,29 @@ fn parse_acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMess
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_parameter(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const NAME_OFFSET: usize = 8;
-    const KIND_OFFSET: usize = 24;
+    Some(InboundMessage::Parameter(source, PayloadReader(payload).read_parameter(NAME_OFFSET)))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_parameter_read(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const TARGET_OFFSET: usize = 2;
+    const NAME_OFFSET: usize = 4;
     let fields = PayloadReader(payload);
-    let received = ReceivedParameter {
-        name: ParameterName(from_fn(|byte| fields.read_u8(NAME_OFFSET + byte))),
-        value_bits: fields.read_u32(0),
-        kind: MavParamType(fields.read_u8(KIND_OFFSET)),
-    };
-    Some(InboundMessage::Parameter(source, received))
+    let request =
+        ParameterRequest::Read { name: fields.read_name(NAME_OFFSET), index: fields.read_u16(0).cast_signed() };
+    Some(InboundMessage::ParameterRequest(fields.read_address(TARGET_OFFSET), request))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_parameter_list(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    Some(InboundMessage::ParameterRequest(PayloadReader(payload).read_address(0), ParameterRequest::List))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_parameter_write(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const TARGET_OFFSET: usize = 4;
+    const NAME_OFFSET: usize = 6;
+    let fields = PayloadReader(payload);
+    let request = ParameterRequest::Write(fields.read_parameter(NAME_OFFSET));
+    Some(InboundMessage::ParameterRequest(fields.read_address(TARGET_OFFSET), request))
 }

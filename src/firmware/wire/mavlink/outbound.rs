@@ -7,7 +7,8 @@
 use mavlink_dialect::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAG_CAL_REPORT_DATA, MagCalStatus, MavAutopilot, MavCmd,
     MavDataStream, MavParamType, MavResult, MavSeverity, MavState, MavType, MessageData, NAMED_VALUE_FLOAT_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, REQUEST_DATA_STREAM_DATA, STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, REQUEST_DATA_STREAM_DATA, STATUSTEXT_DATA,
+    VISION_POSITION_ESTIMATE_DATA,
 };
 
 use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
@@ -15,6 +16,7 @@ use super::parameter::{ParameterEncoding, parameter_bits};
 use super::signature::{self, Signatures};
 use autoswing::time::Timestamp;
 use autoswing_module::messages::ParameterName;
+use autoswing_module::settings::Setting;
 
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
 const MAX_PAYLOAD_LENGTH: usize = 117;
@@ -127,6 +129,17 @@ impl OutboundMessage {
         message.put_bytes(&[target.system_id, target.component_id]);
         message.put_bytes(&name.0);
         message.put_bytes(&[kind.0]);
+        message
+    }
+
+    /// PARAM_VALUE: a setting of the module, as a float, and its position.
+    #[must_use]
+    pub fn parameter(name: ParameterName, number: f32, position: u8) -> Self {
+        let mut message = Self::from_dialect::<PARAM_VALUE_DATA>();
+        message.put_floats(&[number]);
+        message.put_bytes(&[Setting::PARAMETER_COUNT, 0, position, 0]);
+        message.put_bytes(&name.0);
+        message.put_bytes(&[MavParamType::MAV_PARAM_TYPE_REAL32.0]);
         message
     }
 

@@ -2,6 +2,7 @@
 
 mod collection;
 mod commands;
+mod own_parameters;
 mod requests;
 mod sender;
 

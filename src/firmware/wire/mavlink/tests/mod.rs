@@ -17,7 +17,7 @@ use testkit::frames::{mavlink_attitude_payload, mavlink_v1_frame, mavlink_v2_fra
 const SENDER: SenderId = SenderId::new(12 * 256 + 34);
 
 /// ID, CRC extra byte, and payload lengths in versions 1 and 2 (common.xml).
-const MESSAGES: [(u8, u8, usize, usize); 10] = [
+const MESSAGES: [(u8, u8, usize, usize); 13] = [
     (30, 39, 28, 28),
     (0, 50, 9, 9),
     (1, 124, 31, 43),
@@ -28,6 +28,9 @@ const MESSAGES: [(u8, u8, usize, usize); 10] = [
     (75, 158, 35, 35),
     (77, 143, 3, 10),
     (22, 220, 25, 25),
+    (20, 214, 20, 20),
+    (21, 159, 2, 2),
+    (23, 168, 23, 23),
 ];
 
 fn v1_frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
