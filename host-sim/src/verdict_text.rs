@@ -34,7 +34,9 @@ pub fn summary_text(file: &Path, written: WrittenOutput, verdict: &Verdict<'_>) 
     }
     let has_parameters = !verdict.exported_corrections().is_empty();
     if written.has_parameter_file || !has_parameters {
-        for (number, step) in (1..).zip(verdict.next_steps()) {
+        let steps = verdict.next_steps();
+        text.push_str(if steps.is_empty() { "" } else { "\n" });
+        for (number, step) in (1..).zip(steps) {
             append_wrapped(&mut text, &format!("{number}. "), &step);
         }
     }

@@ -344,12 +344,12 @@ impl fmt::Display for NoParameters {
                 write!(f, "its field is consistent to {as_logged_rms_deg:.1} deg as logged, and no fit is better")
             }
             Self::NoGain(HeldBackScore { rms_deg, .. }) => {
-                write!(f, "a fit is no better: {rms_deg:.1} deg RMS on held-back rows")
+                write!(f, "a fit is no better: {rms_deg:.1} deg RMS")
             }
             Self::Inaccurate { held_back: HeldBackScore { rms_deg, .. }, inexpressible_error_deg } => {
                 write!(
                     f,
-                    "the best parameters leave {rms_deg:.1} deg RMS on held-back rows, too much to be loaded \
+                    "the best parameters leave {rms_deg:.1} deg RMS, too much to be loaded \
                      ({GOOD_COMPASS_RMS_DEG:.0} deg)"
                 )?;
                 if is_mostly_inexpressible(*rms_deg, *inexpressible_error_deg) {

@@ -188,11 +188,7 @@ impl CompassVerdict<'_> {
     /// Judgement of the compass, a sentence.
     #[must_use]
     pub fn summary_sentence(&self) -> String {
-        let use_text = match self.evaluation.is_used_for_heading {
-            Some(true) => ", in use,",
-            Some(false) => ", not used,",
-            None => "",
-        };
+        let use_text = if self.evaluation.is_used_for_heading == Some(true) { ", in use," } else { "" };
         format!("{}{use_text} {}.", self.compass_name, self.judgement)
     }
 

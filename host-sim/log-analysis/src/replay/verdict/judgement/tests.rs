@@ -114,7 +114,7 @@ fn a_load_that_bends_headings_is_named_and_moved() {
 
 #[test]
 fn a_judgement_is_a_sentence_of_its_reasons_and_action() {
-    let no_better = "a fit is no better: 1.0 deg RMS on held-back rows";
+    let no_better = "a fit is no better: 1.0 deg RMS";
     let flown = "on 7 of 12 headings by the body rates";
     for (rms_deg, effect_deg, parameters, text) in [
         (1.62, None, NO_GAIN, format!("is good already (1.6 deg RMS {flown}): leave it as it is")),
