@@ -33,7 +33,7 @@ pub fn run_imu(options: &ImuOptions) -> Result<ExitCode, CommandFailure> {
     let scores: Vec<TrialScore> = options.files.par_iter().map(score_file).collect::<Result<_, _>>()?;
     let names = options.files.iter().map(|file| file.file_stem().unwrap_or_default().to_string_lossy().into_owned());
     if options.json {
-        let trials: serde_json::Map<_, _> = names.zip(&scores).map(|(name, score)| (name, json!(score))).collect();
+        let trials: Vec<_> = names.zip(&scores).map(|(name, score)| json!({ "trial": name, "score": score })).collect();
         print::print_json(json!({ "trials": trials, "mean_inclination_deg": mean_inclination_deg(&scores) }))?;
         return Ok(ExitCode::SUCCESS);
     }
