@@ -13,6 +13,8 @@ pub struct InertialAttitude {
     pub attitude: RollPitch,
     /// Body rates without the estimated errors of the gyro, rad/s.
     pub rates_rad_s: Vector3<f32>,
+    /// Heading in the navigation frame, rad, -pi..pi. Only differences are meaningful; they drift with the gyro's offset.
+    pub frame_heading_rad: f32,
     /// Covariance of the tilt's error about the level frame's x and y axes, rad^2. Pitch has the error about y, roll
     /// that about x divided by the cosine of the pitch.
     pub tilt_covariance: Matrix2<f32>,
@@ -33,6 +35,7 @@ impl InertialAttitude {
         Self {
             attitude: roll_and_pitch(rotation),
             rates_rad_s,
+            frame_heading_rad: libm::atan2f(nose.y, nose.x),
             tilt_covariance: to_level * navigation_covariance * to_level.transpose(),
         }
     }

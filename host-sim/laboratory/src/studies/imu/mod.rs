@@ -5,7 +5,7 @@ mod trial;
 
 use autoswing::attitude::{AttitudeReport, BodyRates, SenderId};
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
-use autoswing::frames::Field;
+use autoswing::frames::{Field, Sensor};
 use autoswing::inertial::{AttitudeFilter, InertialAttitude, InertialSensorErrors};
 use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
@@ -21,9 +21,8 @@ const READING_PERIOD_S: f64 = 0.0125;
 /// Start of a trial in which the sensor is at rest and shows the place's field, seconds.
 const REST_S: f64 = 1.0;
 
-/// Age of the field in the tables, seconds: where headings from the true attitude scatter least, in all trials of fast
-/// rotation.
-const FIELD_AGE_S: f32 = 0.014;
+/// Age of the field in the tables, seconds: headings from the true attitude scatter least there, in all trials.
+const FIELD_AGE_S: f64 = 0.014;
 
 /// Sigma of each coefficient of the identity that calibrates the field, relative: the scatter above at slow rotation.
 const COEFFICIENT_SIGMA: f32 = 0.01;
@@ -34,11 +33,16 @@ pub fn score_trial(rows: &[TrialRow]) -> Option<TrialScore> {
     let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED);
     let mut compass = TrialCompass::new();
     let mut errors = TrialErrors::default();
+    let mut field_index = 0;
     for row in rows {
         let at = Timestamp::from_us(((row.t_s - rows[0].t_s) * 1e6).round() as u64);
         filter.update(at, &row.inertial, None);
         let Some(attitude) = filter.attitude() else { continue };
-        let Some(heading_rad) = compass.process_row(at, row, &attitude) else { continue };
+        while rows.get(field_index).is_some_and(|later| later.t_s - row.t_s < FIELD_AGE_S) {
+            field_index += 1;
+        }
+        let Some(field_row) = rows.get(field_index) else { break };
+        let Some(heading_rad) = compass.process_row(at, field_row.field, &attitude) else { continue };
         if let Some(truth) = row.truth.filter(|_| row.is_scored) {
             let roll_pitch = attitude.attitude;
             let [roll, pitch, yaw] = [roll_pitch.roll_rad, roll_pitch.pitch_rad, heading_rad.unwrap_or(0.0)];
@@ -72,9 +76,9 @@ impl TrialCompass {
     }
 
     /// Heading of a row, or the absence of one; `None` for a row without a reading.
-    fn process_row(&mut self, at: Timestamp, row: &TrialRow, attitude: &InertialAttitude) -> Option<Option<f32>> {
+    fn process_row(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) -> Option<Option<f32>> {
         if !self.is_calibrated {
-            self.calibrate_at_rest(at, row, attitude);
+            self.calibrate_at_rest(at, field, attitude);
         }
         if at < self.next_reading_at {
             return None;
@@ -84,10 +88,11 @@ impl TrialCompass {
             sender: SenderId::default(),
             sender_clock_at_sending: WrappingMillis::default(),
             attitude: attitude.attitude,
-            body_rates: BodyRates::from_rad_s(attitude.rates_rad_s.into()),
+            body_rates: BodyRates::from_rad_s(attitude.rates_rad_s.into())
+                .map(|rates| rates.with_frame_heading(attitude.frame_heading_rad)),
         };
         self.instrument.on_attitude(at, report);
-        let reading = Reading { field: row.field, is_saturated: false, was_overwritten: false };
+        let reading = Reading { field, is_saturated: false, was_overwritten: false };
         let estimate = self.instrument.on_reading(at, reading);
         while self.instrument.next_sample().is_some() {}
         self.instrument.update_monitor();
@@ -95,8 +100,8 @@ impl TrialCompass {
     }
 
     /// Sets the identity as calibration, with inclination and strength of the field at rest.
-    fn calibrate_at_rest(&mut self, at: Timestamp, row: &TrialRow, attitude: &InertialAttitude) {
-        let level = attitude.attitude.to_level_frame(Field::new(row.field.ut));
+    fn calibrate_at_rest(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) {
+        let level = attitude.attitude.to_level_frame(Field::new(field.ut));
         self.field_at_rest += Vector3::new(level.ut.x.hypot(level.ut.y), level.ut.z, 1.0);
         if at.as_us() as f64 * 1e-6 < REST_S {
             return;
@@ -105,7 +110,6 @@ impl TrialCompass {
         let calibration = Calibration {
             inclination_rad: libm::atan2f(down_ut, horizontal_ut),
             total_ut: horizontal_ut.hypot(down_ut),
-            latency_s: -FIELD_AGE_S,
             ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
         };
         self.instrument.set_correction(Correction {
