@@ -5,7 +5,8 @@
 //! | [`app`] | the asynchronous tasks and their order |
 //! | [`port`], [`console`] | what autopilots and instruments receive and send; what a person types and reads |
 //! | [`wire`] | bytes of MAVLink, MSP, NMEA and DroneCAN |
-//! | [`magnetometer`] | sensor drivers |
+//! | [`magnetometer`], [`inertial_sensor`] | sensor drivers |
+//! | [`chip`] | registers, polling and errors of chips |
 //! | [`health`] | counters for diagnosis |
 //!
 //! The tasks run unchanged on a board and, in virtual time, on a host. The boards are modules of the binary, which is
@@ -14,8 +15,10 @@
 #![forbid(unsafe_code)]
 
 pub mod app;
+pub mod chip;
 pub mod console;
 pub mod health;
+pub mod inertial_sensor;
 mod log;
 pub mod magnetometer;
 pub mod port;

@@ -17,6 +17,7 @@
 //! | [`frames`], [`time`] | types for fields in frames, attitude, time |
 //! | [`calibration`] | the twelve coefficients and their covariance from samples |
 //! | [`heading`], [`attitude`], [`earth`] | heading from a corrected field; attitude track; field model |
+//! | [`inertial`] | roll, pitch and rates from gyro and accelerometer |
 //! | [`instrument`] | readings and attitude in, headings and samples out |
 //! | [`collection`], [`acceptance`] | selection of samples, acceptance of results |
 //!
@@ -49,6 +50,7 @@ pub mod decimal;
 pub mod earth;
 pub mod frames;
 pub mod heading;
+pub mod inertial;
 pub mod instrument;
 pub mod reading;
 pub mod time;

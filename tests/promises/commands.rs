@@ -251,6 +251,17 @@ fn json_output(arguments: &str) -> Value {
     serde_json::from_str(&stdout_text).unwrap()
 }
 
+/// Table of an inertial sensor that wobbles on a desk for five seconds.
+fn resting_trial() -> String {
+    let header = "t_s,p_dps,q_dps,r_dps,ax_mps2,ay_mps2,az_mps2,mx_ut,my_ut,mz_ut,roll_ref_deg,pitch_ref_deg,\
+                  yaw_ref_deg,moving\n";
+    let rows = (0..1000_u32).map(|i| {
+        let wobble = f64::from(i % 7) * 0.01;
+        format!("{},{wobble},-{wobble},{wobble},{wobble},0,-9.8,20,{wobble},43,0,0,0,1\n", f64::from(i) * 0.005)
+    });
+    header.to_owned() + &rows.collect::<String>()
+}
+
 #[test]
 fn json_output_is_documented() {
     let refused = json_output("fly --json --circles 0.1");
@@ -265,6 +276,10 @@ fn json_output_is_documented() {
     // Cases: a rejected calibration, missing headings, a hard-iron change.
     let cases = ["cal-bank-5", "stuck-all", "moved-5"].map(|name| format!("--case {name} ")).concat();
     assert_schema("bench integrity --json", &[json_output(&format!("bench integrity --flights 1 {cases}--json"))]);
+    let folder = tempfile::tempdir().unwrap();
+    let trial = folder.path().join("trial.csv");
+    fs::write(&trial, resting_trial()).unwrap();
+    assert_schema("bench imu --json", &[json_output(&format!("bench imu --json {}", trial.display()))]);
     assert_schema("bench speed --json", &[json_output("bench speed --json")]);
     let flight = json_output("replay host-sim/data/flight.csv --json");
     assert_digits(&flight, "");

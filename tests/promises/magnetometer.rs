@@ -5,9 +5,10 @@ use std::rc::Rc;
 
 use autoswing::frames::Field;
 use autoswing::reading::Reading;
+use autoswing_firmware::chip::ChipError;
+use autoswing_firmware::magnetometer::Magnetometer;
 use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use autoswing_firmware::magnetometer::rm3100::Rm3100;
-use autoswing_firmware::magnetometer::{Magnetometer, MagnetometerError};
 use embassy_time::Instant;
 use simulator::devices::i2c::{BusError, SimulatedI2cBus};
 use simulator::devices::lis3mdl as chip;
@@ -62,8 +63,8 @@ fn a_silent_chip_is_reported_and_works_again_after_init() {
     run_with_driver(|mut driver, chip| async move {
         driver.init().await.unwrap();
         chip.borrow_mut().set_silent(true);
-        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::Bus(BusError::NoAcknowledge(0x1E))));
-        assert_eq!(driver.init().await, Err(MagnetometerError::Bus(BusError::NoAcknowledge(0x1E))));
+        assert_eq!(driver.read_measurement().await, Err(ChipError::Bus(BusError::NoAcknowledge(0x1E))));
+        assert_eq!(driver.init().await, Err(ChipError::Bus(BusError::NoAcknowledge(0x1E))));
         chip.borrow_mut().set_silent(false);
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
@@ -79,7 +80,7 @@ fn a_chip_that_lost_power_is_detected_and_reconfigured() {
         driver.read_measurement().await.unwrap();
         chip.borrow_mut().power_cycle();
         let start = Instant::now();
-        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(ChipError::NoData));
         assert!(start.elapsed().as_millis() <= 62, "{} ms", start.elapsed().as_millis());
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
@@ -137,12 +138,12 @@ fn a_missing_rm3100_is_reported_and_works_again_after_init() {
     for idle_byte in [0xFF, 0x00] {
         run_with_rm3100(1.0, move |mut driver, chip| async move {
             chip.borrow_mut().set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
-            assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(idle_byte)));
+            assert_eq!(driver.init().await, Err(ChipError::WrongIdentity(idle_byte)));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
             driver.read_measurement().await.unwrap();
             chip.borrow_mut().set_fault(Some(Rm3100Fault::MissingChip(idle_byte)));
-            assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
+            assert_eq!(driver.read_measurement().await, Err(ChipError::NoData));
             chip.borrow_mut().set_fault(None);
             driver.init().await.unwrap();
             driver.read_measurement().await.unwrap();
@@ -154,9 +155,9 @@ fn a_missing_rm3100_is_reported_and_works_again_after_init() {
 fn a_chip_that_is_no_working_rm3100_is_not_started() {
     run_with_rm3100(1.0, |mut driver, chip| async move {
         for (fault, error) in [
-            (Rm3100Fault::WrongRevision(0x23), MagnetometerError::WrongIdentity(0x23)),
-            (Rm3100Fault::BrokenOscillator(1), MagnetometerError::SelfTest(0xDF)),
-            (Rm3100Fault::NeverReady, MagnetometerError::NoData),
+            (Rm3100Fault::WrongRevision(0x23), ChipError::WrongIdentity(0x23)),
+            (Rm3100Fault::BrokenOscillator(1), ChipError::SelfTest(0xDF)),
+            (Rm3100Fault::NeverReady, ChipError::NoData),
         ] {
             chip.borrow_mut().set_fault(Some(fault));
             assert_eq!(driver.init().await, Err(error));
@@ -165,7 +166,7 @@ fn a_chip_that_is_no_working_rm3100_is_not_started() {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         chip.borrow_mut().set_fault(Some(Rm3100Fault::NeverReady));
-        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(ChipError::NoData));
     });
 }
 
@@ -176,12 +177,9 @@ fn an_rm3100_that_lost_power_is_detected_and_reconfigured() {
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();
         chip.borrow_mut().power_cycle();
-        assert_eq!(
-            driver.verify_configuration().await,
-            Err(MagnetometerError::Configuration { written: 0x95, read: 0x96 })
-        );
+        assert_eq!(driver.verify_configuration().await, Err(ChipError::Configuration { written: 0x95, read: 0x96 }));
         let start = Instant::now();
-        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(ChipError::NoData));
         assert!(start.elapsed().as_millis() <= 65, "{} ms", start.elapsed().as_millis());
         driver.init().await.unwrap();
         driver.read_measurement().await.unwrap();

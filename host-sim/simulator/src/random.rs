@@ -63,6 +63,8 @@ pub enum StreamPurpose {
     GyroDriftY = 26,
     /// Drift of the gyro's z axis.
     GyroDriftZ = 27,
+    /// Errors and noise of an inertial sensor.
+    InertialSensor = 28,
 }
 
 /// Stream of random numbers.

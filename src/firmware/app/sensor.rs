@@ -4,8 +4,9 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 
 use super::task_links::{SensorDetection, increment_counter, stamped_now};
 use crate::app::task_links::TaskLinks;
+use crate::chip::ChipError;
 use crate::log::{info, warning};
-use crate::magnetometer::{Magnetometer, MagnetometerError};
+use crate::magnetometer::Magnetometer;
 
 /// Delay before a failed sensor is initialised again.
 const RETRY_DELAY: Duration = Duration::from_millis(200);
@@ -65,7 +66,7 @@ async fn read_until_error(links: &TaskLinks, magnetometer: &mut impl Magnetomete
             verify_at += VERIFICATION_INTERVAL;
             match with_timeout(DRIVER_TIMEOUT, magnetometer.verify_configuration()).await {
                 Ok(Ok(())) => {}
-                Ok(Err(MagnetometerError::Configuration { .. })) => {
+                Ok(Err(ChipError::Configuration { .. })) => {
                     warning!("magnetometer upset");
                     return StopReason::ConfigurationLost;
                 }

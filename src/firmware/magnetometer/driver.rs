@@ -1,44 +1,9 @@
-//! Interface of the drivers, and their errors.
+//! Interface of the drivers.
 
 use core::fmt;
 
+use crate::chip::ChipError;
 use autoswing::reading::{Identity, Reading};
-
-/// Magnetometer error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MagnetometerError<E> {
-    /// Bus error.
-    Bus(E),
-    /// Unexpected value of the identity register.
-    WrongIdentity(u8),
-    /// A register did not hold its value: power loss or a different chip.
-    Configuration {
-        /// Register value written.
-        written: u8,
-        /// Register value read back.
-        read: u8,
-    },
-    /// The chip's built-in self-test failed; value of its result register.
-    SelfTest(u8),
-    /// No measurement within the timeout.
-    NoData,
-}
-
-impl<E: fmt::Display> fmt::Display for MagnetometerError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Bus(error) => write!(f, "bus error: {error}"),
-            Self::WrongIdentity(identity) => write!(f, "the identity register reads {identity:#04x}"),
-            Self::Configuration { written, read } => {
-                write!(f, "a register with {written:#04x} written reads {read:#04x}")
-            }
-            Self::SelfTest(result) => write!(f, "the self-test returned {result:#04x}"),
-            Self::NoData => f.write_str("no measurement within the timeout"),
-        }
-    }
-}
-
-impl<E: fmt::Debug + fmt::Display> core::error::Error for MagnetometerError<E> {}
 
 /// Three-axis magnetometer with its own configuration.
 ///
@@ -54,21 +19,21 @@ pub trait Magnetometer {
     /// # Errors
     ///
     /// Bus error, unexpected identity, a failed self-test, or a register that does not hold its value.
-    async fn init(&mut self) -> Result<Identity, MagnetometerError<Self::BusError>>;
+    async fn init(&mut self) -> Result<Identity, ChipError<Self::BusError>>;
 
     /// Waits for the next measurement and reads it.
     ///
     /// # Errors
     ///
     /// Bus error, or `NoData` after four periods.
-    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<Self::BusError>>;
+    async fn read_measurement(&mut self) -> Result<Reading, ChipError<Self::BusError>>;
 
     /// Compares the configuration registers with the values written by [`init`](Self::init).
     ///
     /// # Errors
     ///
     /// Bus error, or `Configuration`, after which `init` restores the registers.
-    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<Self::BusError>>;
+    async fn verify_configuration(&mut self) -> Result<(), ChipError<Self::BusError>>;
 
     /// Number of equal consecutive readings of an axis that indicates a stuck axis: more than noise produces in a day
     /// at rest.

@@ -5,8 +5,8 @@
 
 use embedded_hal_async::i2c::I2c;
 
-use super::chip::{self, I2cRegisters, PollingSchedule};
-use crate::magnetometer::driver::{Magnetometer, MagnetometerError};
+use crate::chip::{self, ChipError, I2cRegisters, PollingSchedule};
+use crate::magnetometer::driver::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
 
@@ -105,11 +105,11 @@ impl<B: I2c> Lsm303dlhc<B> {
 impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
     type BusError = B::Error;
 
-    async fn init(&mut self) -> Result<Identity, MagnetometerError<B::Error>> {
+    async fn init(&mut self) -> Result<Identity, ChipError<B::Error>> {
         let identity: [u8; 3] = self.chip.read_registers(IRA_REG_M).await?;
         if let Some((_, &unexpected)) = IDENTITY_VALUES.iter().zip(&identity).find(|(expected, read)| expected != read)
         {
-            return Err(MagnetometerError::WrongIdentity(unexpected));
+            return Err(ChipError::WrongIdentity(unexpected));
         }
         // The address auto-increments in reads, not in writes.
         for (register, value) in (CRA_REG_M..).zip(self.control_registers()) {
@@ -123,7 +123,7 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
         Ok(Identity { model: MagnetometerModel::Lsm303dlhc, address: I2C_ADDRESS })
     }
 
-    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
+    async fn read_measurement(&mut self) -> Result<Reading, ChipError<B::Error>> {
         let chip = &mut self.chip;
         self.polling
             .wait_for_measurement(async || chip.read_registers(SR_REG_M).await, |[status]| status & DATA_READY != 0)
@@ -132,7 +132,7 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
         Ok(decode_reading(data, self.config.range))
     }
 
-    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
+    async fn verify_configuration(&mut self) -> Result<(), ChipError<B::Error>> {
         chip::compare_readback(self.control_registers(), self.chip.read_registers(CRA_REG_M).await?)
     }
 
@@ -166,10 +166,10 @@ mod tests {
     use embassy_futures::block_on;
     use testkit::simulation::run_script;
 
-    use super::super::chip::registers::{
+    use super::*;
+    use crate::chip::registers::{
         SimulatedRegisters, assert_every_bit_is_verified, assert_only_stuck_axes_are_detected,
     };
-    use super::*;
 
     fn driver_with_config(config: Lsm303dlhcConfig) -> Lsm303dlhc<SimulatedRegisters> {
         Lsm303dlhc::new(SimulatedRegisters::new(0, &[(0x0A, 0x48), (0x0B, 0x34), (0x0C, 0x33)]), config)
@@ -205,7 +205,7 @@ mod tests {
     fn a_control_register_that_reads_back_differently_is_reported() {
         let mut driver = driver();
         driver.chip.i2c_bus.write_protected = vec![0x01];
-        assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x60, read: 0x00 }));
+        assert_eq!(block_on(driver.init()), Err(ChipError::Configuration { written: 0x60, read: 0x00 }));
     }
 
     #[test]
@@ -213,7 +213,7 @@ mod tests {
         for register in 0x0A..0x0D {
             let mut driver = driver();
             driver.chip.i2c_bus.values[register] = 0xEE;
-            assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0xEE)));
+            assert_eq!(block_on(driver.init()), Err(ChipError::WrongIdentity(0xEE)));
             assert_eq!(driver.chip.i2c_bus.values[..3], [0; 3], "not configured");
         }
     }
@@ -261,7 +261,7 @@ mod tests {
     fn old_measurements_are_not_returned() {
         for status in [0x00, 0x02, 0xFE] {
             run_script(async move {
-                assert_eq!(with_measurement(status).read_measurement().await, Err(MagnetometerError::NoData));
+                assert_eq!(with_measurement(status).read_measurement().await, Err(ChipError::NoData));
             });
         }
     }

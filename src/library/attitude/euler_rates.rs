@@ -93,24 +93,34 @@ pub(super) struct HeadingIntegral {
     pub euler_rates: Option<EulerRates>,
     relative_heading_rad: f32,
     run_number: u8,
+    /// Heading in the source's own frame, if it reports it.
+    frame_heading_rad: Option<f32>,
 }
 
 impl HeadingIntegral {
-    pub const EMPTY: Self = Self { euler_rates: None, relative_heading_rad: 0.0, run_number: 0 };
+    pub const EMPTY: Self =
+        Self { euler_rates: None, relative_heading_rad: 0.0, run_number: 0, frame_heading_rad: None };
 
-    /// Integrates to the next report, `step_s` later, with the mean of both rates. `None` starts a new run.
+    /// Integrates to the next report, `step_s` later: by the source's own integral, or with the mean of both rates. `None`
+    /// starts a new run.
     pub fn integrate_to_report(&self, report: &AttitudeReport, step_s: Option<f32>) -> Self {
         let euler_rates = EulerRates::from_report(report);
+        let frame_heading_rad = report.body_rates.and_then(|rates| rates.frame_heading_rad());
         match (self.euler_rates, euler_rates, step_s) {
             (Some(before), Some(now), Some(step_s)) => {
-                let mean = before.interpolate(&now, 0.5);
-                Self {
-                    euler_rates,
-                    relative_heading_rad: wrap_pi(self.relative_heading_rad + mean.heading_rad_s * step_s),
-                    run_number: self.run_number,
-                }
+                let turned_rad = match (self.frame_heading_rad, frame_heading_rad) {
+                    (Some(before_rad), Some(now_rad)) => now_rad - before_rad,
+                    _ => before.interpolate(&now, 0.5).heading_rad_s * step_s,
+                };
+                let relative_heading_rad = wrap_pi(self.relative_heading_rad + turned_rad);
+                Self { euler_rates, relative_heading_rad, run_number: self.run_number, frame_heading_rad }
             }
-            _ => Self { euler_rates, relative_heading_rad: 0.0, run_number: self.run_number.wrapping_add(1) },
+            _ => Self {
+                euler_rates,
+                relative_heading_rad: 0.0,
+                run_number: self.run_number.wrapping_add(1),
+                frame_heading_rad,
+            },
         }
     }
 
@@ -125,8 +135,12 @@ impl HeadingIntegral {
     pub fn interpolate(&self, later: &Self, step_s: f32, fraction: f32) -> Option<GyroHeading> {
         let (earlier_rates, later_rates) = (self.euler_rates?, later.euler_rates?);
         let euler_rates = earlier_rates.interpolate(&later_rates, fraction);
-        // Integral of a linearly changing rate, backward from the later report, whose run continues.
-        let remaining_turn_rad = euler_rates.interpolate(&later_rates, 0.5).heading_rad_s * (1.0 - fraction) * step_s;
+        let remaining_turn_rad = if later.frame_heading_rad.is_some() {
+            wrap_pi(later.relative_heading_rad - self.relative_heading_rad) * (1.0 - fraction)
+        } else {
+            // Integral of a linearly changing rate, backward from the later report, whose run continues.
+            euler_rates.interpolate(&later_rates, 0.5).heading_rad_s * (1.0 - fraction) * step_s
+        };
         (self.run_number == later.run_number).then(|| GyroHeading {
             euler_rates,
             relative_heading_rad: wrap_pi(later.relative_heading_rad - remaining_turn_rad),

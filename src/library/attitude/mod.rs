@@ -119,32 +119,8 @@ impl AttitudeHistory {
         if self.reports.back().is_some_and(|last_report| last_report.sent_at >= at) {
             return;
         }
-        self.freeze_detector.process_report(at, &report);
-        if self.freeze_detector.frozen_at().is_some() {
-            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
+        if !report.has_own_integral() && !self.is_plausible(at, &mut report) {
             return;
-        }
-        let max_gap_us = u64::from(self.config.max_gap_us);
-        let last_report = self.reports.back().filter(|last_report| at.us_since(last_report.sent_at) <= max_gap_us);
-        if self.spike_filter.is_spike(last_report, at, report.attitude) {
-            self.rejected_reports.spike_reports = self.rejected_reports.spike_reports.wrapping_add(1);
-            return;
-        }
-        // Contradicting rates cannot show that the aircraft is at rest.
-        let is_aligning = self.initial_alignment_detector.process_report(at, &report)
-            && !self.rate_consistency.is_contradicted()
-            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
-        let is_stale = self.stale_attitude_detector.process_report(at, &report);
-        self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
-        if is_stale {
-            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
-        }
-        if is_aligning || is_stale {
-            return;
-        }
-        if self.rate_consistency.process_report(at, &report) {
-            self.rejected_reports.rate_contradictions = self.rejected_reports.rate_contradictions.wrapping_add(1);
-            report.body_rates = None;
         }
         if self.reports.is_full() {
             self.reports.pop_front();
@@ -152,6 +128,39 @@ impl AttitudeHistory {
         let integral = self.heading_integral_at(at, &report);
         // Infallible: the oldest was removed if full.
         let _ = self.reports.push_back(TimedReport { sent_at: at, report, heading_integral: integral });
+    }
+
+    /// Tests a report against the ones before and against the field; drops rates that contradict the attitude. A source
+    /// that integrates its rates to its attitude cannot contradict itself.
+    fn is_plausible(&mut self, at: Timestamp, report: &mut AttitudeReport) -> bool {
+        self.freeze_detector.process_report(at, report);
+        if self.freeze_detector.frozen_at().is_some() {
+            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
+            return false;
+        }
+        let max_gap_us = u64::from(self.config.max_gap_us);
+        let last_report = self.reports.back().filter(|last_report| at.us_since(last_report.sent_at) <= max_gap_us);
+        if self.spike_filter.is_spike(last_report, at, report.attitude) {
+            self.rejected_reports.spike_reports = self.rejected_reports.spike_reports.wrapping_add(1);
+            return false;
+        }
+        // Contradicting rates cannot show that the aircraft is at rest.
+        let is_aligning = self.initial_alignment_detector.process_report(at, report)
+            && !self.rate_consistency.is_contradicted()
+            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
+        let is_stale = self.stale_attitude_detector.process_report(at, report);
+        self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
+        if is_stale {
+            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
+        }
+        if is_aligning || is_stale {
+            return false;
+        }
+        if self.rate_consistency.process_report(at, report) {
+            self.rejected_reports.rate_contradictions = self.rejected_reports.rate_contradictions.wrapping_add(1);
+            report.body_rates = None;
+        }
+        true
     }
 
     /// Updates the detectors of frozen and of stale attitude with the corrected field of a reading.

@@ -18,10 +18,19 @@ pub struct AttitudeReport {
     pub body_rates: Option<BodyRates>,
 }
 
+impl AttitudeReport {
+    /// Whether the source reports its own integral of the rates.
+    pub(super) fn has_own_integral(&self) -> bool {
+        self.body_rates.is_some_and(|rates| rates.frame_heading_rad.is_some())
+    }
+}
+
 /// Body rates p, q, r of a gyro, within its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyRates {
     rad_s: [f32; 3],
+    /// Heading in the frame in which the source integrates these rates, if it reports it.
+    frame_heading_rad: Option<f32>,
 }
 
 impl BodyRates {
@@ -31,13 +40,24 @@ impl BodyRates {
     pub fn from_rad_s(rad_s: [f32; 3]) -> Option<Self> {
         let is_measured = rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
             && rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S);
-        is_measured.then_some(Self { rad_s })
+        is_measured.then_some(Self { rad_s, frame_heading_rad: None })
     }
 
     /// Body rates p, q, r, rad/s.
     #[must_use]
     pub const fn rad_s(&self) -> [f32; 3] {
         self.rad_s
+    }
+
+    /// The rates of a source that integrates them at its own rate: the heading in its frame, radians, whose north is
+    /// arbitrary. Its differences are more accurate than an integral of the reported rates, and valid at any pitch.
+    #[must_use]
+    pub const fn with_frame_heading(self, frame_heading_rad: f32) -> Self {
+        Self { frame_heading_rad: Some(frame_heading_rad), ..self }
+    }
+
+    pub(super) const fn frame_heading_rad(&self) -> Option<f32> {
+        self.frame_heading_rad
     }
 
     /// Magnitude of the body rates, rad/s.

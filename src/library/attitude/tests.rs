@@ -2,6 +2,7 @@
 
 use super::testing::{PERIOD_US, report};
 use super::*;
+use crate::frames::wrap_pi;
 use crate::time::WrappingMillis;
 
 const CONFIG: AttitudeConfig = AttitudeConfig::DEFAULT;
@@ -506,4 +507,20 @@ fn an_aligning_source_is_rejected() {
         }
         assert!(found.iter().all(|lookup| (*lookup == AttitudeLookup::Contradicted) == is_rejected), "{rate_factor}");
     }
+}
+
+/// Near a vertical nose the rates of roll and heading say little, and an own integral is used in their place.
+#[test]
+fn a_source_that_reports_its_integral_is_not_tested() {
+    let report = |i: u16| {
+        let phase = 0.02 * f32::from(i);
+        let report = roll_report(0, 10.0 * phase.sin(), -10.0 * phase.cos());
+        let body_rates = report.body_rates.map(|rates| rates.with_frame_heading(0.05 * f32::from(i)));
+        AttitudeReport { body_rates, ..report }
+    };
+    let track = history_of_reports((0..500).map(report));
+    let [before, after] = [498, 499].map(|i| track.gyro_heading_at(timestamp(true_us(i))).unwrap());
+    let turned_rad = wrap_pi(after.relative_heading_rad - before.relative_heading_rad);
+    assert!((turned_rad - 0.05).abs() < 1e-5, "{turned_rad}");
+    assert_eq!(track.rejected_reports(), RejectedReports::NO_REJECTIONS);
 }

@@ -3,6 +3,7 @@
 mod accuracy;
 mod bench;
 mod emulate;
+mod imu;
 mod integrity;
 mod serve;
 mod table1;
@@ -48,6 +49,7 @@ enum LabCommand {
 #[derive(Debug, Subcommand)]
 enum BenchCommand {
     Accuracy(accuracy::AccuracyOptions),
+    Imu(imu::ImuOptions),
     Integrity(integrity::IntegrityOptions),
     Speed(bench::SpeedOptions),
     Budget(bench::BudgetOptions),
@@ -77,6 +79,7 @@ fn execute_command(command: &LabCommand) -> Result<ExitCode, CommandFailure> {
         LabCommand::Emulate(options) => emulate::run_emulate(options),
         LabCommand::Table1(options) => table1::run_table1(options),
         LabCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),
+        LabCommand::Bench(BenchCommand::Imu(options)) => imu::run_imu(options),
         LabCommand::Bench(BenchCommand::Budget(options)) => bench::run_instruction_budget(options),
         LabCommand::Bench(BenchCommand::Integrity(options)) => integrity::run_integrity(options),
         LabCommand::Bench(BenchCommand::Speed(options)) => bench::run_speed(options),

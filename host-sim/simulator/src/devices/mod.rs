@@ -6,6 +6,7 @@
 pub mod can;
 pub mod i2c;
 pub mod lis3mdl;
+pub mod lsm6dsl;
 pub mod nor_flash;
 pub mod rm3100;
 pub mod sensor;

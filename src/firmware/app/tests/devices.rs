@@ -10,7 +10,8 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use crate::app::task_links::SensorDetection;
 use crate::app::{SetBaud, Watchdog};
-use crate::magnetometer::{Magnetometer, MagnetometerError};
+use crate::chip::ChipError;
+use crate::magnetometer::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
 use autoswing_module::settings::BaudRate;
@@ -51,11 +52,11 @@ impl FakeMagnetometer {
 }
 
 impl DeviceBehaviour {
-    async fn access_registers(self) -> Result<(), MagnetometerError<()>> {
+    async fn access_registers(self) -> Result<(), ChipError<()>> {
         match self {
             Self::Works => Ok(()),
-            Self::Fails | Self::EndOfInput => Err(MagnetometerError::Bus(())),
-            Self::ChangedRegisters => Err(MagnetometerError::Configuration { written: 0, read: 1 }),
+            Self::Fails | Self::EndOfInput => Err(ChipError::Bus(())),
+            Self::ChangedRegisters => Err(ChipError::Configuration { written: 0, read: 1 }),
             Self::Hangs => pending().await,
         }
     }
@@ -64,13 +65,13 @@ impl DeviceBehaviour {
 impl Magnetometer for FakeMagnetometer {
     type BusError = ();
 
-    async fn init(&mut self) -> Result<Identity, MagnetometerError<()>> {
+    async fn init(&mut self) -> Result<Identity, ChipError<()>> {
         self.init_count.set(self.init_count.get() + 1);
         self.init_behaviour.get().access_registers().await?;
         Ok(DETECTED_SENSOR.identity)
     }
 
-    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<()>> {
+    async fn verify_configuration(&mut self) -> Result<(), ChipError<()>> {
         self.verify_count.set(self.verify_count.get() + 1);
         self.verify_behaviour.get().access_registers().await
     }
@@ -79,7 +80,7 @@ impl Magnetometer for FakeMagnetometer {
         Self::EQUAL_READINGS_UNTIL_STUCK
     }
 
-    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<()>> {
+    async fn read_measurement(&mut self) -> Result<Reading, ChipError<()>> {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
         self.read_behaviour.get().access_registers().await?;
         let field = Field::from_ut(20.0, 0.0, 40.0);

@@ -14,6 +14,7 @@ use autoswing::calibration::{
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
 use autoswing::frames::{Field, RollPitch, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
+use autoswing::inertial::{AttitudeFilter, GRAVITY_M_S2, InertialSample, InertialSensorErrors};
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
@@ -115,7 +116,7 @@ fn panic_if_requested() {
     assert!(PANIC_AT_START.load(Ordering::Relaxed) != PANIC_AT_START_MARK, "at each start");
 }
 
-type ResultText = heapless::String<256>;
+type ResultText = heapless::String<320>;
 
 /// Recurses without end.
 #[expect(unconditional_recursion, reason = "that is what it is for")]
@@ -188,11 +189,13 @@ fn measure_instruction_counts(
     let over_msp = can_field_instructions().zip(msp_reading_instructions()).map(|(can, msp)| can.saturating_sub(msp));
     let to_watch = monitor_instructions(&solution);
     let to_collect = collection_instructions(collector);
+    let to_attitude = inertial_instructions();
     writeln!(out)?;
     for (name, count, done) in [
         ("heading", to_heading, found.is_ok()),
         ("watch", to_watch, to_watch > 0),
         ("collect", to_collect, to_collect > 0),
+        ("inertial", to_attitude, to_attitude > 0),
         ("nmea", sentences.into_iter().max().unwrap_or_default(), true),
         ("mavlink", to_report, reports == 1),
         ("mavlink-out", to_pose, true),
@@ -233,6 +236,26 @@ fn monitor_instructions(solution: &Solution) -> u64 {
         most = most.max(count_instructions(|| instrument.update_monitor()));
     }
     most
+}
+
+/// Largest instruction count of an update of the attitude filter, over two seconds at rest: its steps then measure the
+/// gyro's offset, too.
+#[inline(never)]
+fn inertial_instructions() -> u64 {
+    const PERIOD_US: u64 = 4_808;
+    let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED);
+    let sample = InertialSample {
+        rates_rad_s: [0.01, -0.01, 0.005].into(),
+        specific_force_m_s2: [0.5, 1.0, -GRAVITY_M_S2].into(),
+    };
+    let updates = (1..=400).map(|i| {
+        let at = Timestamp::from_us(i * PERIOD_US);
+        count_instructions(|| {
+            filter.update(black_box(at), black_box(&sample), black_box(Some(5.0)));
+            black_box(filter.attitude());
+        })
+    });
+    updates.max().unwrap_or_default()
 }
 
 /// Number of estimates for the benchmark of a protocol: two seconds.

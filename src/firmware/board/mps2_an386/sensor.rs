@@ -2,8 +2,9 @@
 
 use autoswing::frames::{Field, Sensor as SensorFrame};
 use autoswing::reading::{Identity, Reading};
+use autoswing_firmware::chip::ChipError;
+use autoswing_firmware::magnetometer::Magnetometer;
 use autoswing_firmware::magnetometer::lsm303dlhc::{Lsm303dlhc, Lsm303dlhcConfig, Lsm303dlhcRange};
-use autoswing_firmware::magnetometer::{Magnetometer, MagnetometerError};
 
 use super::i2c::{NoAcknowledge, SensorBus};
 
@@ -23,18 +24,18 @@ impl Sensor {
 impl Magnetometer for Sensor {
     type BusError = NoAcknowledge;
 
-    async fn init(&mut self) -> Result<Identity, MagnetometerError<NoAcknowledge>> {
+    async fn init(&mut self) -> Result<Identity, ChipError<NoAcknowledge>> {
         self.0.init().await
     }
 
-    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<NoAcknowledge>> {
+    async fn read_measurement(&mut self) -> Result<Reading, ChipError<NoAcknowledge>> {
         let reading = self.0.read_measurement().await?;
         let offset_ut: [f32; 3] = core::array::from_fn(|axis| OFFSET_COUNTS[axis] * UT_PER_COUNT[axis]);
         let ut = reading.field.ut - nalgebra::Vector3::from(offset_ut);
         Ok(Reading { field: Field::<SensorFrame>::new(ut), ..reading })
     }
 
-    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<NoAcknowledge>> {
+    async fn verify_configuration(&mut self) -> Result<(), ChipError<NoAcknowledge>> {
         self.0.verify_configuration().await
     }
 

@@ -5,8 +5,8 @@
 
 use embedded_hal_async::i2c::I2c;
 
-use super::chip::{self, I2cRegisters, PollingSchedule};
-use crate::magnetometer::driver::{Magnetometer, MagnetometerError};
+use crate::chip::{self, ChipError, I2cRegisters, PollingSchedule};
+use crate::magnetometer::driver::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
 
@@ -111,11 +111,11 @@ impl<B: I2c> Lis3mdl<B> {
         ]
     }
 
-    async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<B::Error>> {
+    async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], ChipError<B::Error>> {
         self.chip.read_registers(first | AUTO_INCREMENT).await
     }
 
-    async fn write_control_registers(&mut self) -> Result<(), MagnetometerError<B::Error>> {
+    async fn write_control_registers(&mut self) -> Result<(), ChipError<B::Error>> {
         let [c1, c2, c3, c4, c5] = self.control_registers();
         self.chip.write_registers(&[CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5]).await
     }
@@ -124,10 +124,10 @@ impl<B: I2c> Lis3mdl<B> {
 impl<B: I2c> Magnetometer for Lis3mdl<B> {
     type BusError = B::Error;
 
-    async fn init(&mut self) -> Result<Identity, MagnetometerError<B::Error>> {
+    async fn init(&mut self) -> Result<Identity, ChipError<B::Error>> {
         match self.read_registers(WHO_AM_I).await? {
             [WHO_AM_I_VALUE] => {}
-            [other] => return Err(MagnetometerError::WrongIdentity(other)),
+            [other] => return Err(ChipError::WrongIdentity(other)),
         }
         self.write_control_registers().await?;
         self.verify_configuration().await?;
@@ -138,7 +138,7 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         Ok(Identity { model: MagnetometerModel::Lis3mdl, address: self.config.address })
     }
 
-    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<B::Error>> {
+    async fn read_measurement(&mut self) -> Result<Reading, ChipError<B::Error>> {
         let chip = &mut self.chip;
         let status = self
             .polling
@@ -151,7 +151,7 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         Ok(decode_reading(status[0], data, self.config.range))
     }
 
-    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<B::Error>> {
+    async fn verify_configuration(&mut self) -> Result<(), ChipError<B::Error>> {
         chip::compare_readback(self.control_registers(), self.read_registers(CTRL_REG1).await?)
     }
 

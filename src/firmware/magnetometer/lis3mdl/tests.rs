@@ -4,10 +4,8 @@ use embassy_futures::block_on;
 use embedded_hal_async::i2c::ErrorKind;
 use testkit::simulation::run_script;
 
-use super::super::chip::registers::{
-    SimulatedRegisters, assert_every_bit_is_verified, assert_only_stuck_axes_are_detected,
-};
 use super::*;
+use crate::chip::registers::{SimulatedRegisters, assert_every_bit_is_verified, assert_only_stuck_axes_are_detected};
 
 fn driver_with_config(config: Lis3mdlConfig) -> Lis3mdl<SimulatedRegisters> {
     Lis3mdl::new(SimulatedRegisters::new(AUTO_INCREMENT, &[(WHO_AM_I, WHO_AM_I_VALUE)]), config)
@@ -32,7 +30,7 @@ fn init_writes_the_configuration_of_the_data_sheet_and_reads_the_data() {
 fn a_chip_with_another_identity_is_not_configured() {
     let mut driver = driver();
     driver.chip.i2c_bus.values[0x0F] = 0x40;
-    assert_eq!(block_on(driver.init()), Err(MagnetometerError::WrongIdentity(0x40)));
+    assert_eq!(block_on(driver.init()), Err(ChipError::WrongIdentity(0x40)));
     assert_eq!(driver.chip.i2c_bus.values[0x20..0x25], [0; 5]);
 }
 
@@ -40,7 +38,7 @@ fn a_chip_with_another_identity_is_not_configured() {
 fn a_control_register_that_reads_back_differently_is_reported() {
     let mut driver = driver();
     driver.chip.i2c_bus.write_protected = vec![0x24];
-    assert_eq!(block_on(driver.init()), Err(MagnetometerError::Configuration { written: 0x40, read: 0x00 }));
+    assert_eq!(block_on(driver.init()), Err(ChipError::Configuration { written: 0x40, read: 0x00 }));
 }
 
 #[test]
@@ -48,7 +46,7 @@ fn every_configuration_bit_is_verified() {
     let mut driver = driver();
     block_on(assert_every_bit_is_verified(&mut driver, |driver| &mut driver.chip.i2c_bus, 0x20..0x25));
     driver.chip.i2c_bus.address = 0x1C;
-    assert_eq!(block_on(driver.verify_configuration()), Err(MagnetometerError::Bus(ErrorKind::Other)));
+    assert_eq!(block_on(driver.verify_configuration()), Err(ChipError::Bus(ErrorKind::Other)));
 }
 
 /// Half the data sheet's noise of 3.2 mgauss, 22 counts.
@@ -60,7 +58,7 @@ fn noise_at_rest_seldom_resembles_a_stuck_axis() {
 #[test]
 fn the_configured_address_is_used() {
     let mut driver = driver_with_config(Lis3mdlConfig { address: 0x1C, ..Lis3mdlConfig::default() });
-    assert_eq!(block_on(driver.init()), Err(MagnetometerError::Bus(ErrorKind::Other)));
+    assert_eq!(block_on(driver.init()), Err(ChipError::Bus(ErrorKind::Other)));
     driver.chip.i2c_bus.address = 0x1C;
     assert_eq!(block_on(driver.init()), Ok(Identity { model: MagnetometerModel::Lis3mdl, address: 0x1C }));
 }
@@ -91,7 +89,7 @@ fn a_measurement_is_read_with_its_status() {
 fn old_measurements_are_not_returned() {
     for status in [0x00, 0x07, 0xF7] {
         run_script(async move {
-            assert_eq!(with_measurement(status).read_measurement().await, Err(MagnetometerError::NoData));
+            assert_eq!(with_measurement(status).read_measurement().await, Err(ChipError::NoData));
         });
     }
 }

@@ -6,8 +6,8 @@
 use embassy_time::Timer;
 use embedded_hal_async::spi::SpiDevice;
 
-use super::chip::{self, PollingSchedule, SpiRegisters};
-use crate::magnetometer::driver::{Magnetometer, MagnetometerError};
+use crate::chip::{self, ChipError, PollingSchedule, SpiRegisters};
+use crate::magnetometer::driver::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
 
@@ -66,19 +66,19 @@ impl<S: SpiDevice> Rm3100<S> {
     }
 
     /// Stops continuous mode and waits for the end of a measurement: until then the chip refuses single ones.
-    async fn stop_continuous_mode(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn stop_continuous_mode(&mut self) -> Result<(), ChipError<S::Error>> {
         self.chip.write_registers(&[CMM_REGISTER, CMM_STOPPED]).await?;
         Timer::after_micros(PERIOD_US.into()).await;
         self.discard_measurement().await
     }
 
     /// Reads the data, which clears data ready.
-    async fn discard_measurement(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn discard_measurement(&mut self) -> Result<(), ChipError<S::Error>> {
         let _old: [u8; 9] = self.chip.read_registers(MX2_REGISTER).await?;
         Ok(())
     }
 
-    async fn wait_for_measurement(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn wait_for_measurement(&mut self) -> Result<(), ChipError<S::Error>> {
         let chip = &mut self.chip;
         let is_ready = |[status]: &[u8; 1]| status & DATA_READY != 0;
         self.polling.wait_for_measurement(async || chip.read_registers(STATUS_REGISTER).await, is_ready).await?;
@@ -86,24 +86,24 @@ impl<S: SpiDevice> Rm3100<S> {
     }
 
     /// Runs the built-in self-test of the oscillators (manual, section 5.6.1).
-    async fn run_self_test(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn run_self_test(&mut self) -> Result<(), ChipError<S::Error>> {
         self.chip.write_registers(&[BIST_REGISTER, TEST_ENABLED]).await?;
         self.chip.write_registers(&[POLL_REGISTER, ALL_AXES]).await?;
         self.polling.start_sleep();
         self.wait_for_measurement().await?;
         let [result] = self.chip.read_registers(BIST_REGISTER).await?;
         self.chip.write_registers(&[BIST_REGISTER, TEST_DISABLED]).await?;
-        if result & TEST_PASSED == TEST_PASSED { Ok(()) } else { Err(MagnetometerError::SelfTest(result)) }
+        if result & TEST_PASSED == TEST_PASSED { Ok(()) } else { Err(ChipError::SelfTest(result)) }
     }
 }
 
 impl<S: SpiDevice> Magnetometer for Rm3100<S> {
     type BusError = S::Error;
 
-    async fn init(&mut self) -> Result<Identity, MagnetometerError<S::Error>> {
+    async fn init(&mut self) -> Result<Identity, ChipError<S::Error>> {
         match self.chip.read_registers(REVID_REGISTER).await? {
             [REVID_VALUE] => {}
-            [other] => return Err(MagnetometerError::WrongIdentity(other)),
+            [other] => return Err(ChipError::WrongIdentity(other)),
         }
         self.stop_continuous_mode().await?;
         self.run_self_test().await?;
@@ -118,18 +118,18 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         Ok(Identity { model: MagnetometerModel::Rm3100, address: Identity::SPI_ADDRESS })
     }
 
-    async fn read_measurement(&mut self) -> Result<Reading, MagnetometerError<S::Error>> {
+    async fn read_measurement(&mut self) -> Result<Reading, ChipError<S::Error>> {
         self.wait_for_measurement().await?;
         match self.chip.read_registers(MX2_REGISTER).await? {
             // No chip drives the line: SPI has no acknowledge, and such a line also reads as data ready.
-            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF] => Err(MagnetometerError::NoData),
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF] => Err(ChipError::NoData),
             data => Ok(decode_reading(data)),
         }
     }
 
     /// Verifies all but continuous mode, which a read of `CMM` would end: a chip that left continuous mode sends no
     /// data.
-    async fn verify_configuration(&mut self) -> Result<(), MagnetometerError<S::Error>> {
+    async fn verify_configuration(&mut self) -> Result<(), ChipError<S::Error>> {
         chip::compare_readback(CYCLE_COUNTS, self.chip.read_registers(CCX1_REGISTER).await?)?;
         chip::compare_readback([RATE_75_HZ], self.chip.read_registers(TMRC_REGISTER).await?)
     }

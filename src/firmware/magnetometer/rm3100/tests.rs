@@ -2,10 +2,8 @@
 
 use testkit::simulation::run_script;
 
-use super::super::chip::registers::{
-    SimulatedRegisters, assert_every_bit_is_verified, assert_only_stuck_axes_are_detected,
-};
 use super::*;
+use crate::chip::registers::{SimulatedRegisters, assert_every_bit_is_verified, assert_only_stuck_axes_are_detected};
 
 /// A chip that has a measurement, and whose self-test gives `result`.
 fn driver_with_test_result(result: u8) -> Rm3100<SimulatedRegisters> {
@@ -55,7 +53,7 @@ fn a_chip_with_another_identity_is_not_configured() {
         for other in [0x00, 0x21, 0x23, 0xFF] {
             let mut driver = driver();
             driver.chip.spi_device.values[0x36] = other;
-            assert_eq!(driver.init().await, Err(MagnetometerError::WrongIdentity(other)));
+            assert_eq!(driver.init().await, Err(ChipError::WrongIdentity(other)));
             assert_eq!(driver.chip.spi_device.write_log, []);
         }
     });
@@ -68,13 +66,13 @@ fn each_failed_oscillator_fails_the_self_test() {
         for bit in 4..8 {
             let result = !(1_u8 << bit);
             let mut driver = driver_with_test_result(result);
-            assert_eq!(driver.init().await, Err(MagnetometerError::SelfTest(result)));
+            assert_eq!(driver.init().await, Err(ChipError::SelfTest(result)));
             assert!(!driver.chip.spi_device.write_log.contains(&(0x01, 0x79)), "not started");
         }
         let mut driver = driver_with_test_result(0xF0);
         assert!(driver.init().await.is_ok(), "bits 0 to 3 are settings");
         driver.chip.spi_device.values[0x34] = 0x7F;
-        assert_eq!(driver.init().await, Err(MagnetometerError::NoData), "a test without an end");
+        assert_eq!(driver.init().await, Err(ChipError::NoData), "a test without an end");
     });
 }
 
@@ -84,7 +82,7 @@ fn a_register_that_reads_back_differently_is_reported_before_the_start() {
         run_script(async move {
             let mut driver = driver();
             driver.chip.spi_device.write_protected.push(register);
-            assert_eq!(driver.init().await, Err(MagnetometerError::Configuration { written, read: 0 }));
+            assert_eq!(driver.init().await, Err(ChipError::Configuration { written, read: 0 }));
             assert!(!driver.chip.spi_device.write_log.contains(&(0x01, 0x79)), "not started");
         });
     }
@@ -107,10 +105,10 @@ fn old_measurements_and_data_of_ones_are_no_measurement() {
         let mut driver = driver();
         driver.init().await.unwrap();
         driver.chip.spi_device.values[0x34] = 0x7F;
-        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(ChipError::NoData));
         driver.chip.spi_device.values[0x34] = 0x80;
         driver.chip.spi_device.values[0x24..0x2D].fill(0xFF);
-        assert_eq!(driver.read_measurement().await, Err(MagnetometerError::NoData));
+        assert_eq!(driver.read_measurement().await, Err(ChipError::NoData));
         driver.chip.spi_device.values[0x2C] = 0xFE;
         assert!(driver.read_measurement().await.is_ok());
     });

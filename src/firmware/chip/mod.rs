@@ -1,17 +1,19 @@
-//! Common parts of the drivers: register access and polling.
+//! Common parts of the drivers: register access, polling and errors.
+
+mod error;
 
 use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::I2c;
 use embedded_hal_async::spi::{Operation, SpiDevice};
 
-use crate::magnetometer::driver::MagnetometerError;
+pub use error::ChipError;
 
 /// Polling interval once a measurement is due; bounds its age when read.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
 /// Chip registers at an I2C address.
 #[derive(Debug)]
-pub(super) struct I2cRegisters<B> {
+pub(crate) struct I2cRegisters<B> {
     pub i2c_bus: B,
     address: u8,
 }
@@ -22,15 +24,15 @@ impl<B: I2c> I2cRegisters<B> {
     }
 
     /// Reads `N` registers from `first` on.
-    pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<B::Error>> {
+    pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], ChipError<B::Error>> {
         let mut values = [0; N];
-        self.i2c_bus.write_read(self.address, &[first], &mut values).await.map_err(MagnetometerError::Bus)?;
+        self.i2c_bus.write_read(self.address, &[first], &mut values).await.map_err(ChipError::Bus)?;
         Ok(values)
     }
 
     /// Writes a register address and values.
-    pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<B::Error>> {
-        self.i2c_bus.write(self.address, message).await.map_err(MagnetometerError::Bus)
+    pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), ChipError<B::Error>> {
+        self.i2c_bus.write(self.address, message).await.map_err(ChipError::Bus)
     }
 }
 
@@ -39,7 +41,7 @@ const SPI_READ: u8 = 0x80;
 
 /// Chip registers on an SPI bus.
 #[derive(Debug)]
-pub(super) struct SpiRegisters<S> {
+pub(crate) struct SpiRegisters<S> {
     pub spi_device: S,
 }
 
@@ -49,33 +51,33 @@ impl<S: SpiDevice> SpiRegisters<S> {
     }
 
     /// Reads `N` registers from `first` on.
-    pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], MagnetometerError<S::Error>> {
+    pub async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], ChipError<S::Error>> {
         let mut values = [0; N];
         let mut transfer = [Operation::Write(&[first | SPI_READ]), Operation::Read(&mut values)];
-        self.spi_device.transaction(&mut transfer).await.map_err(MagnetometerError::Bus)?;
+        self.spi_device.transaction(&mut transfer).await.map_err(ChipError::Bus)?;
         Ok(values)
     }
 
     /// Writes a register address and values.
-    pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), MagnetometerError<S::Error>> {
-        self.spi_device.write(message).await.map_err(MagnetometerError::Bus)
+    pub async fn write_registers(&mut self, message: &[u8]) -> Result<(), ChipError<S::Error>> {
+        self.spi_device.write(message).await.map_err(ChipError::Bus)
     }
 }
 
 /// Compares written and read-back values.
-pub(super) fn compare_readback<E, const N: usize>(written: [u8; N], read: [u8; N]) -> Result<(), MagnetometerError<E>> {
+pub(crate) fn compare_readback<E, const N: usize>(written: [u8; N], read: [u8; N]) -> Result<(), ChipError<E>> {
     match written.into_iter().zip(read).find(|(written, read)| written != read) {
-        Some((written, read)) => Err(MagnetometerError::Configuration { written, read }),
+        Some((written, read)) => Err(ChipError::Configuration { written, read }),
         None => Ok(()),
     }
 }
 
 /// Share of the period slept for an oscillator up to 10 % fast, whose period is 91 % of nominal.
-pub(super) const SLEEP_PERCENT: u32 = 88;
+pub(crate) const SLEEP_PERCENT: u32 = 88;
 
 /// Sleeps most of the measurement period, then polls.
 #[derive(Debug)]
-pub(super) struct PollingSchedule {
+pub(crate) struct PollingSchedule {
     /// Nominal measurement period.
     period: Duration,
     /// Sleep after a measurement.
@@ -108,9 +110,9 @@ impl PollingSchedule {
     /// Waits for a new measurement; returns the status that announced it.
     pub async fn wait_for_measurement<T, E>(
         &mut self,
-        mut read_status: impl AsyncFnMut() -> Result<T, MagnetometerError<E>>,
+        mut read_status: impl AsyncFnMut() -> Result<T, ChipError<E>>,
         is_new: impl Fn(&T) -> bool,
-    ) -> Result<T, MagnetometerError<E>> {
+    ) -> Result<T, ChipError<E>> {
         Timer::at(self.wake_at).await;
         let timeout_at = Instant::now() + self.poll_timeout();
         loop {
@@ -120,7 +122,7 @@ impl PollingSchedule {
                 return Ok(status);
             }
             if Instant::now() >= timeout_at {
-                return Err(MagnetometerError::NoData);
+                return Err(ChipError::NoData);
             }
             Timer::after(POLL_INTERVAL).await;
         }
@@ -129,11 +131,12 @@ impl PollingSchedule {
 
 /// Register-level chip model for driver tests.
 #[cfg(test)]
-pub(super) mod registers {
+pub(crate) mod registers {
     use embedded_hal_async::i2c::{ErrorKind, ErrorType, I2c, Operation};
     use embedded_hal_async::spi::{self, SpiDevice};
 
-    use super::super::{Magnetometer, MagnetometerError};
+    use crate::chip::ChipError;
+    use crate::magnetometer::Magnetometer;
 
     pub struct SimulatedRegisters {
         pub values: [u8; 0x80],
@@ -200,10 +203,7 @@ pub(super) mod registers {
                 let written = bus(driver).values[register];
                 bus(driver).values[register] ^= 1 << bit;
                 let read = bus(driver).values[register];
-                assert_eq!(
-                    driver.verify_configuration().await,
-                    Err(MagnetometerError::Configuration { written, read })
-                );
+                assert_eq!(driver.verify_configuration().await, Err(ChipError::Configuration { written, read }));
                 driver.init().await.unwrap();
                 assert_eq!(bus(driver).values[register], written);
             }

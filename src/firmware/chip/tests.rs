@@ -34,7 +34,7 @@ impl FakeChip {
     }
 
     /// Number of an unread measurement.
-    async fn poll_status(&self) -> Result<Option<u64>, MagnetometerError<BusFailure>> {
+    async fn poll_status(&self) -> Result<Option<u64>, ChipError<BusFailure>> {
         Timer::after(STATUS_TRANSFER_TIME).await;
         let now_us = Instant::now().as_micros();
         self.status_requested_at_us.borrow_mut().push(now_us);
@@ -45,7 +45,7 @@ impl FakeChip {
         }))
     }
 
-    async fn wait_for_measurement(&self, polling: &mut PollingSchedule) -> Result<u64, MagnetometerError<BusFailure>> {
+    async fn wait_for_measurement(&self, polling: &mut PollingSchedule) -> Result<u64, ChipError<BusFailure>> {
         polling.wait_for_measurement(async || self.poll_status().await, Option::is_some).await.map(Option::unwrap)
     }
 }
@@ -88,7 +88,7 @@ fn a_stopped_chip_is_reported_within_six_periods() {
             let mut polling = PollingSchedule::new(period_us as u32, SLEEP_PERCENT);
             chip.wait_for_measurement(&mut polling).await.unwrap();
             let start = Instant::now();
-            assert_eq!(chip.wait_for_measurement(&mut polling).await, Err(MagnetometerError::NoData));
+            assert_eq!(chip.wait_for_measurement(&mut polling).await, Err(ChipError::NoData));
             let waited_us = start.elapsed().as_micros();
             assert!((2 * period_us..6 * period_us).contains(&waited_us), "{waited_us} us of {period_us}");
         });
@@ -112,9 +112,8 @@ fn a_late_reader_polls_at_once() {
 fn a_bus_failure_is_reported_at_once() {
     run_script(async {
         let mut polling = PollingSchedule::new(12_500, SLEEP_PERCENT);
-        let answer =
-            polling.wait_for_measurement(async || Err::<u8, _>(MagnetometerError::Bus(BusFailure)), |_| true).await;
-        assert_eq!(answer, Err(MagnetometerError::Bus(BusFailure)));
+        let answer = polling.wait_for_measurement(async || Err::<u8, _>(ChipError::Bus(BusFailure)), |_| true).await;
+        assert_eq!(answer, Err(ChipError::Bus(BusFailure)));
         assert_eq!(Instant::now().as_micros(), 0);
     });
 }
@@ -124,6 +123,6 @@ fn the_first_register_that_reads_back_differently_is_reported() {
     assert_eq!(compare_readback::<BusFailure, 3>([1, 2, 3], [1, 2, 3]), Ok(()));
     assert_eq!(
         compare_readback::<BusFailure, 3>([1, 2, 3], [1, 9, 8]),
-        Err(MagnetometerError::Configuration { written: 2, read: 9 })
+        Err(ChipError::Configuration { written: 2, read: 9 })
     );
 }

@@ -1,0 +1,74 @@
+//! `lab bench imu`.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use crate::studies::imu::{self, TrialScore};
+use clap::Args;
+use log_analysis::numbers::format_optional;
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+use serde_json::json;
+
+use host_sim::command_failure::CommandFailure;
+use host_sim::print::{self, narrow_table, right_aligned};
+
+/// Attitude and heading from recorded gyro, accelerometer and magnetometer, against optical truth.
+///
+/// A table has the columns t_s; p_dps, q_dps, r_dps; ax_mps2, ay_mps2, az_mps2 (at rest level -9.8 in z); mx_ut, my_ut,
+/// mz_ut; roll_ref_deg, pitch_ref_deg, yaw_ref_deg (empty where unknown); moving (1 in the rows that count). Axes are
+/// forward, right, down. The sensor rests in the first second. Errors are those of the BROAD benchmark, RMS, heading
+/// and total less the circular mean of the heading's.
+#[derive(Debug, Args)]
+pub struct ImuOptions {
+    /// Tables, separated by commas
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Print one JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run_imu(options: &ImuOptions) -> Result<ExitCode, CommandFailure> {
+    let scores: Vec<TrialScore> = options.files.par_iter().map(score_file).collect::<Result<_, _>>()?;
+    let names = options.files.iter().map(|file| file.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    if options.json {
+        let trials: Vec<_> = names.zip(&scores).map(|(name, score)| json!({ "trial": name, "score": score })).collect();
+        print::print_json(json!({ "trials": trials, "mean_inclination_deg": mean_inclination_deg(&scores) }))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut table = narrow_table([
+        "trial",
+        "total,\ndeg",
+        "heading,\ndeg",
+        "with\nheading, %",
+        "inclination,\ndeg",
+        "1/2\nsigma, %",
+    ]);
+    for (name, score) in names.zip(&scores) {
+        let [one, two] = score.tilt_within_percent;
+        let cells = [
+            name.chars().take(30).collect(),
+            format_optional(score.total_deg, 2),
+            format_optional(score.heading_deg, 2),
+            format!("{:.0}", score.heading_percent),
+            format!("{:.2}", score.inclination_deg),
+            format!("{one:.0}/{two:.0}"),
+        ];
+        table.add_row(cells.map(right_aligned));
+    }
+    print::print_line(table);
+    print::print_line(format_args!("inclination: {:.3} deg, mean of the trials", mean_inclination_deg(&scores)));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn score_file(file: &PathBuf) -> Result<TrialScore, CommandFailure> {
+    let failed = |code, error: String| CommandFailure::with_code(code, format!("{}: {error}", file.display()));
+    let text = fs::read_to_string(file).map_err(|error| failed("file-unreadable", error.to_string()))?;
+    let rows = imu::read_trial(&text).map_err(|error| failed("no-trial", error))?;
+    imu::score_trial(&rows).ok_or_else(|| failed("no-trial", "no row is scored".to_owned()))
+}
+
+fn mean_inclination_deg(scores: &[TrialScore]) -> f64 {
+    scores.iter().map(|score| score.inclination_deg).sum::<f64>() / scores.len() as f64
+}

@@ -1,0 +1,71 @@
+//! Output of the attitude filter.
+
+use nalgebra::{Matrix2, UnitQuaternion, Vector3};
+
+use super::quaternion::roll_and_pitch;
+use crate::frames::RollPitch;
+use crate::trig::{hypot, sqrt};
+
+/// Roll, pitch and body rates with the covariance of the tilt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InertialAttitude {
+    /// Roll and pitch.
+    pub attitude: RollPitch,
+    /// Body rates without the estimated errors of the gyro, rad/s.
+    pub rates_rad_s: Vector3<f32>,
+    /// Heading in the navigation frame, rad, -pi..pi. Only differences are meaningful; they drift with the gyro's offset.
+    pub frame_heading_rad: f32,
+    /// Covariance of the tilt's error about the level frame's x and y axes, rad^2. Pitch has the error about y, roll
+    /// that about x divided by the cosine of the pitch.
+    pub tilt_covariance: Matrix2<f32>,
+}
+
+impl InertialAttitude {
+    /// The estimate from the rotation to the navigation frame, the rates, and the tilt's covariance in that frame.
+    pub(super) fn new(
+        rotation: &UnitQuaternion<f32>,
+        rates_rad_s: Vector3<f32>,
+        navigation_covariance: &Matrix2<f32>,
+    ) -> Self {
+        let nose = rotation * Vector3::x();
+        let length = hypot(nose.x, nose.y);
+        // A vertical nose has no direction.
+        let (cos, sin) = if length > 0.0 { (nose.x / length, nose.y / length) } else { (1.0, 0.0) };
+        let to_level = Matrix2::new(cos, sin, -sin, cos);
+        Self {
+            attitude: roll_and_pitch(rotation),
+            rates_rad_s,
+            frame_heading_rad: libm::atan2f(nose.y, nose.x),
+            tilt_covariance: to_level * navigation_covariance * to_level.transpose(),
+        }
+    }
+
+    /// Standard deviation of the angle between true and estimated vertical, radians.
+    #[must_use]
+    pub fn tilt_sigma_rad(&self) -> f32 {
+        sqrt(self.tilt_covariance.trace())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::FRAC_PI_2;
+
+    use super::*;
+
+    /// Heading along the navigation frame's y axis, the error about that axis is one of roll.
+    #[test]
+    fn the_covariance_is_that_of_the_level_frame() {
+        let navigation_covariance = Matrix2::new(1.0, 0.5, 0.5, 4.0);
+        for (yaw_rad, level_covariance) in
+            [(0.0, navigation_covariance), (FRAC_PI_2, Matrix2::new(4.0, -0.5, -0.5, 1.0))]
+        {
+            let rotation = UnitQuaternion::from_euler_angles(0.4, -0.3, yaw_rad);
+            let estimate = InertialAttitude::new(&rotation, Vector3::zeros(), &navigation_covariance);
+            assert!((estimate.tilt_covariance - level_covariance).norm() < 1e-5, "{yaw_rad}");
+            let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
+            assert!((roll_rad - 0.4).abs() < 1e-6 && (pitch_rad + 0.3).abs() < 1e-6);
+            assert!((estimate.tilt_sigma_rad() - 5_f32.sqrt()).abs() < 1e-6);
+        }
+    }
+}

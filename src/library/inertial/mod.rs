@@ -1,0 +1,273 @@
+//! Attitude from gyro and accelerometer: roll, pitch and body rates with their covariance. A pure value.
+//!
+//! The gyro's rates are integrated to a quaternion, and the rotated specific force to a velocity. Both drift with the
+//! errors of the attitude, and an error-state Kalman filter ([`error_filter`]) estimates these errors from a
+//! pseudo-measurement: the velocity is that of the reference, zero or the known speed along the nose. How accurately,
+//! follows from the size of its deviations ([`velocity_noise`]): gravity counts as far as the movements allow, over the
+//! time for which the gyro holds the attitude. A second-order low-pass of the specific force in a frame that does not
+//! rotate, as in VQF (D. Laidig, T. Seel, "VQF: Highly accurate IMU orientation estimation with bias estimation and
+//! magnetic disturbance rejection", Information Fusion 91, 2023), is this filter with constant gains; here the gains
+//! follow from the noise, and so does the covariance. At rest the mean rates measure the gyro's offset.
+//!
+//! The navigation frame is horizontal, and its direction is arbitrary: the filter has no yaw.
+
+mod attitude_estimate;
+mod error_filter;
+mod quaternion;
+mod rest_detector;
+mod sample;
+mod sensor_errors;
+mod velocity_noise;
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use crate::time::Timestamp;
+use crate::trig::{DEG, square};
+pub use attitude_estimate::InertialAttitude;
+use error_filter::{ErrorFilter, ErrorVariances, StepIntegrals};
+use quaternion::{levelling_rotation, rotated_in_body, rotated_in_navigation};
+use rest_detector::RestDetector;
+pub use sample::{GRAVITY_M_S2, InertialSample};
+pub use sensor_errors::InertialSensorErrors;
+use velocity_noise::VelocityNoise;
+
+/// Duration of a step of the error filter, seconds: half of the time in which a fast turn of 1000 deg/s ends.
+const ERROR_STEP_S: f32 = 0.03;
+
+/// Longest interval between two samples, microseconds; after a longer one the filter starts again.
+const MAX_GAP_US: u64 = 100_000;
+
+/// Smallest specific force that shows a direction at the start, m/s^2.
+const MIN_START_FORCE_M_S2: f32 = 0.3 * GRAVITY_M_S2;
+
+/// Error of the tilt by the first specific force, rad: a hand's acceleration of 0.3 g.
+const START_TILT_SIGMA_RAD: f32 = 0.3;
+
+/// Deviation of the velocity from its reference at the start, m/s: a hand's.
+const START_VELOCITY_SIGMA_M_S: f32 = 1.0;
+
+/// Deviation of the velocity from its reference that only a wrong tilt explains, m/s: twice the speed of a fast boat.
+const MAX_VELOCITY_DEVIATION_M_S: f32 = 40.0;
+
+/// Angle random walk, rad/sqrt(s): four times the noise density of a MEMS gyro, for vibration.
+const ANGLE_RANDOM_WALK: f32 = 0.02 * DEG;
+
+/// Error of the rates by cross-axis sensitivity and nonlinearity, relative to the rates, that no state describes.
+const UNMODELLED_GYRO_SCALE: f32 = 0.002;
+
+/// Time for which an error relative to rate or force keeps its sign, seconds: that of a movement.
+const MOVEMENT_S: f32 = 0.5;
+
+/// Random walk of the gyro's offset, rad/s/sqrt(s): 0.1 deg/s in 40 minutes, a warm-up by 2 K.
+const GYRO_OFFSET_RANDOM_WALK: f32 = 0.002 * DEG;
+
+/// Velocity random walk, m/s/sqrt(s): three times the noise density of a MEMS accelerometer.
+const VELOCITY_RANDOM_WALK: f32 = 0.003;
+
+/// Error of the acceleration by scale and cross-axis sensitivity, relative.
+const ACCELEROMETER_SCALE: f32 = 0.01;
+
+/// Random walk of the accelerometer's offset, m/s^2/sqrt(s): 0.5 mg in 40 minutes.
+const ACCELEROMETER_OFFSET_RANDOM_WALK: f32 = 1e-4;
+
+/// Noise of the mean rates at rest, as a density, rad/s*sqrt(s): the angle random walk.
+const REST_RATE_DENSITY: f32 = ANGLE_RANDOM_WALK;
+
+/// Steadiest turn that could be rest, rad/s. Beyond it and the offset's uncertainty the mean rates are no offset.
+const MAX_OFFSET_CHANGE_RAD_S: f32 = 0.5 * DEG;
+
+/// Sums over the samples of a step of the error filter.
+#[derive(Clone, Debug)]
+struct StepSums {
+    duration_s: f32,
+    integrals: StepIntegrals,
+    /// Integrals of the squared rate, rad^2/s, and of the squared acceleration, m^2/s^3.
+    squared_rate: f32,
+    squared_acceleration: f32,
+}
+
+impl StepSums {
+    fn new() -> Self {
+        let integrals = StepIntegrals {
+            rotation_s: Matrix3::zeros(),
+            rotated_rates_rad: Matrix3::zeros(),
+            force_m_s: Vector3::zeros(),
+        };
+        Self { duration_s: 0.0, integrals, squared_rate: 0.0, squared_acceleration: 0.0 }
+    }
+
+    fn process_noise(&self) -> ErrorVariances {
+        let step_s = self.duration_s;
+        ErrorVariances {
+            tilt: square(ANGLE_RANDOM_WALK) * step_s + square(UNMODELLED_GYRO_SCALE) * MOVEMENT_S * self.squared_rate,
+            gyro_offset: square(GYRO_OFFSET_RANDOM_WALK) * step_s,
+            velocity: square(VELOCITY_RANDOM_WALK) * step_s
+                + square(ACCELEROMETER_SCALE) * MOVEMENT_S * self.squared_acceleration,
+            accelerometer_offset: square(ACCELEROMETER_OFFSET_RANDOM_WALK) * step_s,
+            gyro_scale: 0.0,
+        }
+    }
+}
+
+/// Attitude filter of an inertial sensor. About 1.2 KB.
+#[derive(Clone, Debug)]
+pub struct AttitudeFilter {
+    sensor_errors: InertialSensorErrors,
+    /// Time of the last sample and rotation from body to navigation frame; `None` before the first sample.
+    attitude: Option<(Timestamp, UnitQuaternion<f32>)>,
+    rates_rad_s: Vector3<f32>,
+    velocity_m_s: Vector3<f32>,
+    is_speed_known: bool,
+    gyro_offset_rad_s: Vector3<f32>,
+    gyro_scale: Vector3<f32>,
+    accelerometer_offset_m_s2: Vector3<f32>,
+    error_filter: ErrorFilter,
+    velocity_noise: VelocityNoise,
+    rest_detector: RestDetector,
+    step: StepSums,
+}
+
+impl AttitudeFilter {
+    /// A filter for a sensor with these errors.
+    #[must_use]
+    pub fn new(sensor_errors: InertialSensorErrors) -> Self {
+        let variances = ErrorVariances {
+            tilt: square(START_TILT_SIGMA_RAD),
+            gyro_offset: square(sensor_errors.gyro_offset_rad_s),
+            velocity: square(START_VELOCITY_SIGMA_M_S),
+            accelerometer_offset: square(sensor_errors.accelerometer_offset_m_s2),
+            gyro_scale: square(sensor_errors.gyro_scale),
+        };
+        Self {
+            sensor_errors,
+            attitude: None,
+            rates_rad_s: Vector3::zeros(),
+            velocity_m_s: Vector3::zeros(),
+            is_speed_known: false,
+            gyro_offset_rad_s: Vector3::zeros(),
+            gyro_scale: Vector3::zeros(),
+            accelerometer_offset_m_s2: Vector3::zeros(),
+            error_filter: ErrorFilter::new(&variances),
+            velocity_noise: VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S)),
+            rest_detector: RestDetector::INITIAL,
+            step: StepSums::new(),
+        }
+    }
+
+    /// Processes the sample taken at `at`. `speed_m_s` is the speed along the nose, if it is known. A sample that is
+    /// not finite is ignored.
+    #[inline(never)]
+    pub fn update(&mut self, at: Timestamp, sample: &InertialSample, speed_m_s: Option<f32>) {
+        if !sample.is_finite() {
+            return;
+        }
+        match self.attitude {
+            Some((updated_at, attitude)) if (1..=MAX_GAP_US).contains(&at.us_since(updated_at)) => {
+                let step_s = at.us_since(updated_at) as f32 * 1e-6;
+                self.attitude = Some((at, self.integrate_sample(&attitude, sample, step_s)));
+                self.rest_detector.update(sample, step_s);
+                if self.step.duration_s >= ERROR_STEP_S {
+                    self.correct_errors(speed_m_s);
+                }
+            }
+            _ => self.start_at(at, sample),
+        }
+    }
+
+    /// Starts with the tilt of a specific force.
+    fn start_at(&mut self, at: Timestamp, sample: &InertialSample) {
+        *self = Self::new(self.sensor_errors);
+        if sample.specific_force_m_s2.norm_squared() >= square(MIN_START_FORCE_M_S2) {
+            self.attitude = Some((at, levelling_rotation(&sample.specific_force_m_s2)));
+        }
+    }
+
+    /// Integrates rates and specific force; returns the new attitude.
+    fn integrate_sample(
+        &mut self,
+        attitude: &UnitQuaternion<f32>,
+        sample: &InertialSample,
+        step_s: f32,
+    ) -> UnitQuaternion<f32> {
+        let offset_free = sample.rates_rad_s - self.gyro_offset_rad_s;
+        self.rates_rad_s = offset_free - offset_free.component_mul(&self.gyro_scale);
+        let attitude = rotated_in_body(attitude, &(self.rates_rad_s * step_s));
+        let rotation_s = attitude.to_rotation_matrix().into_inner() * step_s;
+        let force_m_s = rotation_s * (sample.specific_force_m_s2 - self.accelerometer_offset_m_s2);
+        let gained_m_s = force_m_s + Vector3::new(0.0, 0.0, GRAVITY_M_S2 * step_s);
+        self.velocity_m_s += gained_m_s;
+        let step = &mut self.step;
+        step.duration_s += step_s;
+        step.integrals.rotation_s += rotation_s;
+        step.integrals.rotated_rates_rad += rotation_s * Matrix3::from_diagonal(&self.rates_rad_s);
+        step.integrals.force_m_s += force_m_s;
+        step.squared_rate += self.rates_rad_s.norm_squared() * step_s;
+        step.squared_acceleration += gained_m_s.norm_squared() / step_s;
+        attitude
+    }
+
+    /// Step of the error filter: time update, measurements, and corrections of the estimates.
+    #[inline(never)]
+    fn correct_errors(&mut self, speed_m_s: Option<f32>) {
+        let Some((updated_at, attitude)) = self.attitude else { return };
+        let step = core::mem::replace(&mut self.step, StepSums::new());
+        self.error_filter.propagate(&step.integrals, &step.process_noise());
+        let reference_m_s = speed_m_s.map_or_else(Vector3::zeros, |speed_m_s| attitude * Vector3::x() * speed_m_s);
+        if speed_m_s.is_some() != self.is_speed_known {
+            self.is_speed_known = speed_m_s.is_some();
+            self.velocity_m_s = reference_m_s;
+            self.error_filter.reset_velocity(square(START_VELOCITY_SIGMA_M_S));
+        }
+        let deviation_m_s = self.velocity_m_s - reference_m_s;
+        if deviation_m_s.norm_squared() > square(MAX_VELOCITY_DEVIATION_M_S) {
+            // The next sample starts the filter again.
+            self.attitude = None;
+            return;
+        }
+        let offset_change = self.offset_change_at_rest();
+        let variance =
+            self.velocity_noise.measurement_variance(&deviation_m_s, offset_change.is_some(), step.duration_s);
+        self.error_filter.measure_velocity(&-deviation_m_s, variance);
+        if let Some(change) = offset_change {
+            self.error_filter.measure_gyro_offset(&change, square(REST_RATE_DENSITY) / step.duration_s);
+        }
+        let corrections = self.error_filter.take_corrections();
+        self.attitude = Some((updated_at, rotated_in_navigation(&attitude, &corrections.tilt_rad)));
+        self.velocity_m_s += corrections.velocity_m_s;
+        self.gyro_offset_rad_s += corrections.gyro_offset_rad_s;
+        self.accelerometer_offset_m_s2 += corrections.accelerometer_offset_m_s2;
+        self.gyro_scale += corrections.gyro_scale;
+    }
+
+    /// Mean rates at rest less the estimated offset, rad/s; `None` in motion and in a steady turn.
+    fn offset_change_at_rest(&self) -> Option<Vector3<f32>> {
+        let change = self.rest_detector.rates_at_rest()? - self.gyro_offset_rad_s;
+        let variances = self.error_filter.gyro_offset_variance();
+        let is_offset = |(change, variance): (&f32, &f32)| {
+            square(*change) <= square(MAX_OFFSET_CHANGE_RAD_S) + square(3.0) * variance
+        };
+        change.iter().zip(&variances).all(is_offset).then_some(change)
+    }
+
+    /// Attitude at the last sample; `None` before the first one.
+    #[must_use]
+    pub fn attitude(&self) -> Option<InertialAttitude> {
+        let (_, rotation) = self.attitude?;
+        Some(InertialAttitude::new(&rotation, self.rates_rad_s, &self.error_filter.tilt_covariance()))
+    }
+
+    /// Estimated offset of the gyro, rad/s.
+    #[must_use]
+    pub const fn gyro_offset_rad_s(&self) -> Vector3<f32> {
+        self.gyro_offset_rad_s
+    }
+
+    /// Whether the sensor is at rest.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.rest_detector.rates_at_rest().is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests;

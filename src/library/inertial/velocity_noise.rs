@@ -1,0 +1,48 @@
+//! Adaptive noise of the assumption that the velocity is the reference.
+
+use nalgebra::Vector3;
+
+use crate::trig::sqrt;
+
+/// Shortest correlation time of the velocity's deviations, seconds: that of a hand's movements.
+const MIN_CORRELATION_S: f32 = 0.5;
+
+/// Acceleration that changes a deviation, m/s^2: the larger it is, the longer it lasts. That of a boat.
+const TYPICAL_ACCELERATION_M_S2: f32 = 1.0;
+
+/// Longest correlation time.
+const MAX_CORRELATION_S: f32 = 1.0;
+
+/// Time constant of their mean square, seconds.
+const MEAN_SQUARE_TIME_S: f32 = 3.0;
+
+/// Least variance of a component, (m/s)^2: 2 cm/s, of which accelerometer noise alone leaves a tenth.
+const MIN_VARIANCE: f32 = 0.02 * 0.02;
+
+/// Variance of the measurement relative to the mean square of an axis. The smoothing halves the variance of white noise.
+const VARIANCE_PER_MEAN_SQUARE: f32 = 2.0;
+
+/// Smoothed deviation of the velocity from its reference, and its mean square.
+#[derive(Clone, Debug)]
+pub(super) struct VelocityNoise {
+    smoothed_m_s: Vector3<f32>,
+    mean_square: f32,
+}
+
+impl VelocityNoise {
+    pub fn new(mean_square: f32) -> Self {
+        Self { smoothed_m_s: Vector3::zeros(), mean_square }
+    }
+
+    /// Processes the deviation of a step; returns the variance of a measurement of each axis, (m/s)^2. A step is
+    /// shorter than the correlation time, and its measurement so much less accurate. Rest ends earlier movements.
+    pub fn measurement_variance(&mut self, deviation_m_s: &Vector3<f32>, is_at_rest: bool, step_s: f32) -> f32 {
+        self.smoothed_m_s += (deviation_m_s - self.smoothed_m_s) * (step_s / MIN_CORRELATION_S).min(1.0);
+        let square = self.smoothed_m_s.norm_squared() / 3.0;
+        let weight = if is_at_rest { 1.0 } else { (step_s / MEAN_SQUARE_TIME_S).min(1.0) };
+        self.mean_square += (square - self.mean_square) * weight;
+        let variance = (VARIANCE_PER_MEAN_SQUARE * self.mean_square).max(MIN_VARIANCE);
+        let correlation_s = (sqrt(variance) / TYPICAL_ACCELERATION_M_S2).clamp(MIN_CORRELATION_S, MAX_CORRELATION_S);
+        variance * (2.0 * correlation_s / step_s)
+    }
+}
