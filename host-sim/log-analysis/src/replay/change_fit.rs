@@ -285,9 +285,9 @@ impl ChangeFit {
         let block_length = rows.len().div_ceil(CANDIDATE_TIMES + 1).max(1);
         let blocks: Vec<Equations> =
             rows.chunks(block_length).map(|block| self.data_equations(block, &scales)).collect();
-        let information = Equations::new(SMatrix::from_diagonal(&self.prior_information()), SVector::zeros());
+        let information = Equations { normal: SMatrix::from_diagonal(&self.prior_information()), ..Equations::zeros() };
         let all = blocks.iter().fold(information, |sum, block| sum.plus(block));
-        let mut after = Equations::new(SMatrix::zeros(), SVector::zeros());
+        let mut after = Equations::zeros();
         let mut best: Option<(usize, f64)> = None;
         for (block_index, block) in blocks.iter().enumerate().rev() {
             after = after.plus(block);
@@ -421,12 +421,12 @@ impl ChangeFit {
     fn normal_equations(&self, rows: &[FitRow], scales: &Scales, start: &Self) -> Equations {
         let information = start.prior_information();
         let gradient = (self.unknowns() - start.unknowns()).component_mul(&information);
-        Equations::new(SMatrix::from_diagonal(&information), gradient).plus(&self.data_equations(rows, scales))
+        Equations { normal: SMatrix::from_diagonal(&information), gradient }.plus(&self.data_equations(rows, scales))
     }
 
     /// Equations of the residuals alone.
     fn data_equations(&self, rows: &[FitRow], scales: &Scales) -> Equations {
-        let Equations { mut normal, mut gradient } = Equations::new(SMatrix::zeros(), SVector::zeros());
+        let Equations { mut normal, mut gradient } = Equations::zeros();
         for row in rows {
             let residuals = self.residuals_ut(row);
             for (i, derivatives) in self.derivatives(row).iter().enumerate() {
@@ -478,18 +478,18 @@ struct Equations {
 }
 
 impl Equations {
-    const fn new(normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>, gradient: SVector<f64, UNKNOWNS>) -> Self {
-        Self { normal, gradient }
+    fn zeros() -> Self {
+        Self { normal: SMatrix::zeros(), gradient: SVector::zeros() }
     }
 
     fn plus(&self, other: &Self) -> Self {
-        Self::new(self.normal + other.normal, self.gradient + other.gradient)
+        Self { normal: self.normal + other.normal, gradient: self.gradient + other.gradient }
     }
 
     /// The equations of unchanged rows with a step of hard iron before some of them, whose derivatives are those of the
     /// hard iron.
     fn with_step(&self, after: &Self) -> Self {
-        let Self { mut normal, mut gradient } = Self::new(self.normal, self.gradient);
+        let Self { mut normal, mut gradient } = *self;
         let step = after.normal.fixed_view::<GAIN, 3>(0, HARD_IRON);
         normal.fixed_view_mut::<GAIN, 3>(0, OFFSET).copy_from(&step);
         normal.fixed_view_mut::<3, GAIN>(OFFSET, 0).copy_from(&step.transpose());
@@ -532,13 +532,13 @@ mod tests {
     fn derivatives_equal_finite_differences() {
         let (rows, fit) = flown_rows_and_fit();
         for row in rows.iter().step_by(10) {
-            let derivatives = fit.derivatives(row);
-            for unknown in 0..UNKNOWNS {
+            let [of_strength, of_vertical] = fit.derivatives(row);
+            for (unknown, (strength, vertical)) in of_strength.iter().zip(of_vertical.iter()).enumerate() {
                 let moved = |by: f64| fit.moved_by(&SVector::from_fn(|i, _| if i == unknown { by } else { 0.0 }));
                 let [more, less] = [1e-4, -1e-4].map(|by| moved(by).residuals_ut(row));
-                for i in 0..2 {
+                for (i, derivative) in [strength, vertical].into_iter().enumerate() {
                     let expected = (more[i] - less[i]) / 2e-4;
-                    assert!((derivatives[i][unknown] - expected).abs() < 1e-5, "{unknown}, {i}: {expected}");
+                    assert!((derivative - expected).abs() < 1e-5, "{unknown}, {i}: {derivative} {expected}");
                 }
             }
         }

@@ -248,9 +248,13 @@ impl SharedInputs<'_> {
         let initial = whole_fit.correction().or(compass.correction).unwrap_or_else(FieldCorrection::identity);
         let total_ut = self.earth_ut.or(whole_fit.strength_ut()).unwrap_or(f64::INFINITY);
         let hard_iron_changes = find_changes(rows, self.flight, &initial, total_ut);
-        // On few headings iron explains what a changed gain does.
-        let is_determined = yaw_sectors(self.flight, rows).suffice();
-        let sensor_change = is_determined.then(|| find_sensor_change(rows, &initial, &hard_iron_changes)).flatten();
+        // On few headings, iron explains what a changed gain does.
+        let suffice = |rows: &[ReplayRow]| yaw_sectors(self.flight, rows).suffice();
+        let changed = suffice(rows).then(|| find_sensor_change(rows, &initial, &hard_iron_changes)).flatten();
+        let sensor_change = changed.filter(|change| {
+            let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < change.time_s));
+            suffice(before) && suffice(after)
+        });
         if sensor_change.is_some() {
             // A changed sensor appears as iron and as a load, not only at its time: no fit of both parts is right.
             return FieldCauses { sensor_change, ..FieldCauses::default() };

@@ -45,11 +45,9 @@ pub fn replay_rows_of_flight(
     };
     let (raw, smooth) =
         (scored_headings(|row| [row.heading_deg, row.sigma_deg]), scored_headings(HeadingRow::sent_and_sigma_deg));
-    let samples = fitted_s.len();
     ReplayResult {
         solution,
         acceptance: accepted,
-        sample_count: samples,
         fitted_times_s: fitted_s,
         collection_end_s: ended_s,
         headings,

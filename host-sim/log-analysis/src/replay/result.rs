@@ -109,8 +109,6 @@ pub struct ReplayResult {
     pub solution: Option<Solution>,
     /// Whether the module would have accepted the solution; otherwise the reason, with what the flight lacked.
     pub acceptance: Result<(), Refusal>,
-    /// Number of samples fitted.
-    pub sample_count: usize,
     /// Times of the fitted samples, seconds after the first row, unordered.
     pub fitted_times_s: Vec<f64>,
     /// Time of the automatic end, seconds after the first row.

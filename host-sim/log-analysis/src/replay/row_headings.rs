@@ -87,50 +87,6 @@ fn attitude_report(attitude: RollPitch, rates_rad_s: Option<[f32; 3]>) -> Attitu
     }
 }
 
-/// Feeds instruments with the rows of a flight, and with its attitudes between them.
-struct RowFeed<'a> {
-    flight: Option<&'a LoggedFlight>,
-    /// Whether body rates are complete; incomplete rates integrate to wrong turns.
-    has_complete_rates: bool,
-    start_s: f64,
-    last_s: f64,
-}
-
-impl<'a> RowFeed<'a> {
-    fn new(rows: &[ReplayRow], flight: Option<&'a LoggedFlight>) -> Self {
-        let has_complete_rates = flight.is_none_or(data_loss::has_integrable_rates);
-        let start_s = rows.first().map_or(0.0, |row| row.t_s);
-        Self { flight, has_complete_rates, start_s, last_s: start_s }
-    }
-
-    fn usable_rates(&self, rates_rad_s: Option<[f32; 3]>) -> Option<[f32; 3]> {
-        rates_rad_s.filter(|_| self.has_complete_rates)
-    }
-
-    fn feed_instruments<const N: usize>(
-        &mut self,
-        instruments: [&mut Instrument; N],
-        row: &ReplayRow,
-    ) -> [Estimate; N] {
-        let row = &ReplayRow { rates_rad_s: self.usable_rates(row.rates_rad_s), ..*row };
-        let from_s = std::mem::replace(&mut self.last_s, row.t_s);
-        let between = self.flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s));
-        instruments.map(|instrument| {
-            for logged in &between {
-                let report = attitude_report(logged.attitude, self.usable_rates(logged.rates_rad_s));
-                instrument.on_attitude(row_timestamp(logged.t_s, self.start_s), report);
-            }
-            let estimate = estimate_heading(instrument, row, self.start_s);
-            while instrument.next_sample().is_some() {}
-            if self.has_complete_rates && instrument.instrument_config().reading_period_us <= MAX_MONITORED_INTERVAL_US
-            {
-                instrument.update_monitor();
-            }
-            estimate
-        })
-    }
-}
-
 fn calibrated_instrument(config: InstrumentConfig, solution: &Solution) -> Instrument {
     let mut instrument = Instrument::new(config);
     let calibration = Some((solution.calibration, solution.uncertainty));
@@ -138,22 +94,41 @@ fn calibrated_instrument(config: InstrumentConfig, solution: &Solution) -> Instr
     instrument
 }
 
+/// Headings of the rows, with the flight's attitudes between them.
 pub(super) fn compute_headings(
     rows: &[ReplayRow],
     flight: Option<&LoggedFlight>,
     solution: &Solution,
     config: InstrumentConfig,
 ) -> Vec<HeadingRow> {
-    let mut feed = RowFeed::new(rows, flight);
+    // Incomplete rates integrate to wrong turns.
+    let has_complete_rates = flight.is_none_or(data_loss::has_integrable_rates);
+    let usable_rates = |rates_rad_s: Option<[f32; 3]>| rates_rad_s.filter(|_| has_complete_rates);
+    let is_monitored = has_complete_rates && config.reading_period_us <= MAX_MONITORED_INTERVAL_US;
+    let start_s = rows.first().map_or(0.0, |row| row.t_s);
+    let mut last_s = start_s;
     // One instrument accepts any field strength; the other determines the status.
-    let [mut device, mut unlimited] = [config.heading, heading::HeadingLimits::ANY_FIELD]
+    let mut instruments = [config.heading, heading::HeadingLimits::ANY_FIELD]
         .map(|heading| calibrated_instrument(InstrumentConfig { heading, ..config }, solution));
-    rows.iter()
-        .map(|row| {
-            let [sent, shown] = feed.feed_instruments([&mut device, &mut unlimited], row);
-            HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
-        })
-        .collect()
+    let headings = rows.iter().map(|row| {
+        let from_s = std::mem::replace(&mut last_s, row.t_s);
+        let between = flight.map_or_else(Vec::new, |flight| attitudes_between(flight, from_s, row.t_s));
+        let row = &ReplayRow { rates_rad_s: usable_rates(row.rates_rad_s), ..*row };
+        let [sent, shown] = instruments.each_mut().map(|instrument| {
+            for logged in &between {
+                let report = attitude_report(logged.attitude, usable_rates(logged.rates_rad_s));
+                instrument.on_attitude(row_timestamp(logged.t_s, start_s), report);
+            }
+            let estimate = estimate_heading(instrument, row, start_s);
+            while instrument.next_sample().is_some() {}
+            if is_monitored {
+                instrument.update_monitor();
+            }
+            estimate
+        });
+        HeadingRow::from_estimate(row.t_s, &shown, sent.heading.map(|_| ()))
+    });
+    headings.collect()
 }
 
 /// Score over usable rows with a reference; calls `heading` for every row in order.

@@ -159,8 +159,8 @@ fn a_compass_is_corrected_by_the_parameters_of_its_slot() {
 #[test]
 fn the_autopilots_own_judgement_of_the_magnetometer_is_read() {
     let log = String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap();
-    let rows = "FMT, 90, 21, XKF4, QBf, TimeUS,C,SM\nXKF4, 50000000, 0, 0.4\nXKF4, 50000000, 1, 7\nXKF4, 51000000, 0, 1.5\n\
-                MSG, 52000000, EKF3 IMU0 ground mag anomaly, yaw re-aligned\nMSG, 53000000, Throttle armed\n";
+    let rows = "FMT, 90, 21, XKF4, QBf, TimeUS,C,SM\nXKF4, 70000000, 0, 0.4\nXKF4, 70000000, 1, 7\nXKF4, 70100000, 0, 1.5\n\
+                MSG, 70200000, EKF3 IMU0 ground mag anomaly, yaw re-aligned\nMSG, 70300000, Throttle armed\n";
     let flight = read_bytes(format!("{log}{rows}").as_bytes()).unwrap();
     let ratios: Vec<f32> = flight.magnetometer_test_ratio.rows().iter().map(|row| row.row_values[0]).collect();
     assert_eq!(ratios, [0.4, 1.5]);

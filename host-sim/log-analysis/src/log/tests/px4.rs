@@ -309,8 +309,8 @@ fn px4s_test_ratios_of_the_magnetometer_are_read() {
         format_message("estimator_innovation_test_ratios", "float[3] mag_field;"),
         subscription_message(90, 0, "estimator_status"),
         subscription_message(91, 0, "estimator_innovation_test_ratios"),
-        row_message(90, 50_000_000, &[&1.5_f32.to_le_bytes()]),
-        row_message(91, 51_000_000, &[&0.1_f32.to_le_bytes(), &2.5_f32.to_le_bytes(), &0.2_f32.to_le_bytes()]),
+        row_message(90, 70_000_000, &[&1.5_f32.to_le_bytes()]),
+        row_message(91, 70_100_000, &[&0.1_f32.to_le_bytes(), &2.5_f32.to_le_bytes(), &0.2_f32.to_le_bytes()]),
     ]);
     let ratios: Vec<f32> = flight.magnetometer_test_ratio.rows().iter().map(|row| row.row_values[0]).collect();
     assert_eq!(ratios, [1.5, 2.5]);

@@ -113,7 +113,7 @@ fn find_steps(
         solutions.iter().flatten().min_by(|a, b| expected_error_deg(a).total_cmp(&expected_error_deg(b)));
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
     let parts = split(&step);
-    let Some(heading_effect_deg) = search.confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
+    let Some(heading_effect_deg) = confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
     changes.push(LoggedHardIronChange { hard_iron_step: step, heading_effect_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
@@ -191,30 +191,29 @@ impl ChangeSearch<'_> {
         let correction = if changes.is_empty() { *initial } else { correction };
         (changes, correction)
     }
+}
 
-    /// Effect of a step on a level heading, degrees, if it is significant and confirmed: under the calibration of the better
-    /// observed part of the flight, the step halves the residuals of the other part.
-    fn confirmed_heading_effect_deg(
-        &self,
-        step: &HardIronStep,
-        [rows_before, rows_after]: [&[ReplayRow]; 2],
-        [solution_before, solution_after]: &[Option<Solution>; 2],
-    ) -> Option<f64> {
-        let error_deg = |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, expected_error_deg);
-        let (solution, other_rows, sign) = if error_deg(solution_before) <= error_deg(solution_after) {
-            (solution_before, rows_after, 1.0)
-        } else {
-            (solution_after, rows_before, -1.0)
-        };
-        let solution = solution.as_ref().filter(|solution| is_accurate(solution))?;
-        let step_ut = Vector3::from(step.step_ut);
-        let without_step = solved_correction(solution);
-        let with_step = FieldCorrection { hard_iron_ut: without_step.hard_iron_ut + step_ut * sign, ..without_step };
-        let [residual_without_step_ut, residual_with_step_ut] =
-            [without_step, with_step].map(|correction| median_residual_ut(other_rows, &correction, solution));
-        let is_confirmed = residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
-        step_effect_deg(step, solution).filter(|_| is_confirmed)
-    }
+/// Effect of a step on a level heading, degrees, if it is significant and confirmed: under the calibration of the better
+/// observed part of the flight, the step halves the residuals of the other part.
+fn confirmed_heading_effect_deg(
+    step: &HardIronStep,
+    [rows_before, rows_after]: [&[ReplayRow]; 2],
+    [solution_before, solution_after]: &[Option<Solution>; 2],
+) -> Option<f64> {
+    let error_deg = |solution: &Option<Solution>| solution.as_ref().map_or(f32::INFINITY, expected_error_deg);
+    let (solution, other_rows, sign) = if error_deg(solution_before) <= error_deg(solution_after) {
+        (solution_before, rows_after, 1.0)
+    } else {
+        (solution_after, rows_before, -1.0)
+    };
+    let solution = solution.as_ref().filter(|solution| is_accurate(solution))?;
+    let step_ut = Vector3::from(step.step_ut);
+    let without_step = solved_correction(solution);
+    let with_step = FieldCorrection { hard_iron_ut: without_step.hard_iron_ut + step_ut * sign, ..without_step };
+    let [residual_without_step_ut, residual_with_step_ut] =
+        [without_step, with_step].map(|correction| median_residual_ut(other_rows, &correction, solution));
+    let is_confirmed = residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
+    step_effect_deg(step, solution).filter(|_| is_confirmed)
 }
 
 /// Largest effect of a step on a level heading, degrees, if significant.

@@ -163,6 +163,12 @@ fn an_evaluation_reports_a_change_of_gain_instead_of_hard_iron() {
     assert_eq!(compass.parameter_fit.last_change_s, Some(change.time_s));
 }
 
+/// The last ten seconds are straight: iron along the field explains them as well.
+#[test]
+fn a_change_of_gain_on_few_headings_is_not_named() {
+    assert_eq!(evaluate_with_gain(224.0, 1.19).sensor_change, None);
+}
+
 #[test]
 fn a_change_is_named_with_its_time() {
     let end = "at 402 s: that is the sensor, not iron; no parameters fit both";

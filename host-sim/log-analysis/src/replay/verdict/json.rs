@@ -128,7 +128,7 @@ impl CompassVerdict<'_> {
             "refusal": refusal.map(|refusal| json!({ "code": refusal.stable_code(), "words": refusal.to_string() })),
             "calibrated_s": self.evaluation.calibration_time_s().map(|s| round_to(s, 1)),
             "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
-            "samples": result.sample_count,
+            "samples": result.fitted_times_s.len(),
             "fit": result.solution.as_ref().map(solution_json),
             "smooth": result.smoothed_score.as_ref().map(score_json),
         })

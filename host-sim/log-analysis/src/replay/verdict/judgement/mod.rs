@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::replay::bending_load::BendingLoad;
 use crate::replay::evaluation::CompassEvaluation;
-use crate::replay::hard_iron_changes::temporary_change_start_s;
+use crate::replay::hard_iron_changes::{LoggedHardIronChange, temporary_change_start_s};
 use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnknownError};
 use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
 use crate::replay::parameter_export::orientation::FixedOrientation;
@@ -58,12 +58,8 @@ pub enum JudgementReason {
     HardIronChanged {
         /// Start of a temporary change, seconds; none if the last change does not cancel the one before.
         temporary_from_s: Option<f64>,
-        /// Time of the last change, seconds of the log.
-        at_s: f64,
-        /// Size of the change, microtesla.
-        size_ut: f64,
-        /// Largest effect on a level heading, degrees.
-        heading_effect_deg: f64,
+        /// The last change.
+        change: LoggedHardIronChange,
     },
     /// A load, such as the motors, bends the field.
     BentBy(BendingLoad),
@@ -137,9 +133,7 @@ impl CompassJudgement {
         };
         let changed = compass.hard_iron_changes.last().map(|change| JudgementReason::HardIronChanged {
             temporary_from_s: temporary_change_start_s(&compass.hard_iron_changes),
-            at_s: change.hard_iron_step.time_s,
-            size_ut: change.hard_iron_step.size_ut(),
-            heading_effect_deg: change.heading_effect_deg,
+            change: *change,
         });
         let is_unjudged = accuracy.is_err();
         let accuracy = match accuracy {
@@ -255,19 +249,19 @@ impl fmt::Display for CompassJudgement {
         for reason in &self.reasons {
             let text = match reason {
                 JudgementReason::SensorFailed(failure) => format!("failed: {failure}"),
-                JudgementReason::HardIronChanged {
-                    temporary_from_s: Some(from_s),
-                    at_s,
-                    size_ut,
-                    heading_effect_deg,
-                } => format!(
-                    "had other iron around it from {from_s:.0} to {at_s:.0} s, by {size_ut:.1} uT, which bent headings \
-                     by up to {heading_effect_deg:.0} deg"
-                ),
-                JudgementReason::HardIronChanged { at_s, size_ut, heading_effect_deg, .. } => format!(
-                    "has other iron around it since {at_s:.0} s, by {size_ut:.1} uT, which bends headings by up to \
-                     {heading_effect_deg:.0} deg"
-                ),
+                JudgementReason::HardIronChanged { temporary_from_s, change } => {
+                    let LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } = change;
+                    let [had, since, bent] = match temporary_from_s {
+                        Some(from_s) => ["had", &format!("from {from_s:.0} to"), "bent"],
+                        None => ["has", "since", "bends"],
+                    };
+                    format!(
+                        "{had} other iron around it {since} {:.0} s, by {:.1} uT, which {bent} headings by up to \
+                         {heading_effect_deg:.0} deg",
+                        step.time_s,
+                        step.size_ut()
+                    )
+                }
                 JudgementReason::BentBy(load) => format!("is bent by {}", load.cause.summary()),
                 JudgementReason::AsLogged(accuracy) if self.compass_state == CompassState::Good => {
                     format!("is good already ({accuracy})")
