@@ -3,7 +3,8 @@
 use std::process::ExitCode;
 
 use crate::studies::integrity::{
-    self, ALL_CASES, AttitudeProtocol, FaultCase, IntegrityPlan, IntegrityRow, fault_case,
+    self, ALL_CASES, AttitudeProtocol, BEGINS_S, DURATIONS_S, FaultCase, IntegrityPlan, IntegrityRow, SWEEP_FAMILIES,
+    Sweep, fault_case,
 };
 use autoswing_module::settings::HeadingKind;
 use clap::Args;
@@ -39,7 +40,8 @@ pub struct IntegrityOptions {
     /// Seed of the first flight, incremented for the others, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
-    /// Run only this case; may be repeated; `list` shows the cases
+    /// Run only this case; may be repeated; `list` shows the cases. A case `sweep-...` is a family of changes, flown
+    /// with N flights of each duration and begin, after the calibration and after a power-on
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<String>,
     /// Attitude source: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
@@ -61,8 +63,16 @@ pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFail
         print_cases(&applies);
         return Ok(ExitCode::SUCCESS);
     }
-    let cases = selected_cases(&options.cases, &applies, aircraft)?;
     let plan = IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, attitude_protocol: source };
+    let (families, names): (Vec<_>, Vec<_>) =
+        options.cases.iter().cloned().partition(|name| find_family(name).is_some());
+    for family in families.iter().filter_map(|name| find_family(name)).filter(|family| applies(family)) {
+        fly_sweep(plan, family, options.json)?;
+    }
+    if names.is_empty() && !families.is_empty() {
+        return Ok(ExitCode::SUCCESS);
+    }
+    let cases = selected_cases(&names, &applies, aircraft)?;
     let bar = progress_bar("flights", integrity::flight_count(plan, &cases));
     let rows = integrity::run_integrity_study(plan, &cases, &|| bar.inc(1));
     bar.finish_and_clear();
@@ -76,6 +86,42 @@ pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFail
         print::print_line("bad, worst, rms: headings that are sent as good, degrees");
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn find_family(name: &str) -> Option<&'static FaultCase> {
+    SWEEP_FAMILIES.iter().find(|family| family.case_name == name)
+}
+
+fn fly_sweep(plan: IntegrityPlan, family: &FaultCase, is_json: bool) -> Result<(), CommandFailure> {
+    let bar = progress_bar("flights", integrity::sweep_flight_count(plan));
+    let sweep = integrity::run_sweep(plan, family, &|| bar.inc(1));
+    bar.finish_and_clear();
+    if is_json {
+        return print::print_json(&sweep);
+    }
+    let [_, headings] = format_tables(std::slice::from_ref(&sweep.total));
+    print::print_line(format_args!("{headings}"));
+    for (follows_power_on, start) in [(false, "calibration"), (true, "power-on and 30 s of rest")] {
+        print::print_line(format_args!("After {start}: bad %, worst deg, worst deg for 10 s at 2 deg or less"));
+        print::print_line(format_map(&sweep, follows_power_on));
+    }
+    Ok(())
+}
+
+/// A row a duration, a column a begin.
+fn format_map(sweep: &Sweep, follows_power_on: bool) -> Table {
+    let begins = BEGINS_S.map(|begin_s| format!("from {begin_s} s"));
+    let mut map = narrow_table(std::iter::once("within, s").chain(begins.iter().map(String::as_str)));
+    for duration_s in DURATIONS_S {
+        let of_row = sweep
+            .cells
+            .iter()
+            .filter(|cell| cell.follows_power_on == follows_power_on && cell.duration_s.total_cmp(&duration_s).is_eq());
+        let cells =
+            of_row.map(|cell| format!("{:.1} {:.0} {:.0}", cell.bad_percent, cell.worst_deg, cell.worst_10s_deg));
+        map.add_row(std::iter::once(format!("{duration_s}")).chain(cells).map(right_aligned));
+    }
+    map
 }
 
 fn selected_cases(
@@ -100,7 +146,7 @@ fn selected_cases(
 
 fn print_cases(applies: &dyn Fn(&FaultCase) -> bool) {
     let mut table = wrapped_table(["case", "fault"]);
-    for case in ALL_CASES.iter().filter(|case| applies(case)) {
+    for case in ALL_CASES.iter().chain(SWEEP_FAMILIES).filter(|case| applies(case)) {
         table.add_row([case.case_name, case.description]);
     }
     print::print_line(table);

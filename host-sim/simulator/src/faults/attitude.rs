@@ -31,7 +31,7 @@ impl SecondSender {
         let Self { system_id, component_id, heartbeat_kind, roll_error_deg } = self;
         let config = world.world_config();
         let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
-        let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0]);
+        let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0, 0.0]);
         source.with_identity(SenderIdentity { system_id, component_id, heartbeat_kind }).run_source(
             world.clone(),
             uart,
@@ -142,13 +142,27 @@ pub fn attitude_spikes(switch: FaultSwitch, fraction: f64, seed: u64) -> impl At
     })
 }
 
-/// Fault: constant error of roll and pitch, radians.
+/// Fault: error of roll, pitch and heading, radians, reached at once or while the switch is on.
 #[must_use]
-pub fn attitude_bias(switch: FaultSwitch, bias_rad: [f64; 2]) -> impl AttitudeFault {
-    change_messages_while_on(switch, move |message| {
-        message.roll += bias_rad[0] as f32;
-        message.pitch += bias_rad[1] as f32;
-    })
+pub fn attitude_bias(switch: FaultSwitch, bias_rad: [f64; 3]) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        let angles = [&mut message.roll, &mut message.pitch, &mut message.yaw];
+        add_changed_fraction(&switch, now_us, angles, bias_rad);
+    }
+}
+
+/// Fault: offset of the body rates, rad/s, reached at once or while the switch is on.
+#[must_use]
+pub fn rate_offset(switch: FaultSwitch, offset_rad_s: [f64; 3]) -> impl AttitudeFault {
+    move |now_us: u64, message: &mut ATTITUDE_DATA| {
+        add_changed_fraction(&switch, now_us, rates_of_message(message), offset_rad_s);
+    }
+}
+
+fn add_changed_fraction(switch: &FaultSwitch, now_us: u64, values: [&mut f32; 3], changes: [f64; 3]) {
+    for (value, change) in values.into_iter().zip(changes) {
+        *value += (switch.changed_fraction(now_us) * change) as f32;
+    }
 }
 
 /// Bank-angle scale error: ratio of reported to true bank.
@@ -171,7 +185,7 @@ pub fn lagging_bank_error(switch: FaultSwitch, missing_fraction: f64, time_const
     }
 }
 
-/// Fault: additional latency of the attitude.
+/// Fault: additional latency of the attitude, reached at once or while the switch is on.
 pub struct AdditionalLatency {
     /// Time in which the fault is active.
     pub fault_switch: FaultSwitch,
@@ -181,7 +195,7 @@ pub struct AdditionalLatency {
 
 impl AttitudeFault for AdditionalLatency {
     fn added_latency_us(&self, now_us: u64) -> u64 {
-        if self.fault_switch.is_on(now_us) { self.latency_us } else { 0 }
+        (self.fault_switch.changed_fraction(now_us) * self.latency_us as f64) as u64
     }
 
     fn modify_message(&mut self, _now_us: u64, _message: &mut ATTITUDE_DATA) {}

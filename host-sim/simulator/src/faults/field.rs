@@ -13,16 +13,11 @@ use crate::world::earth::Earth;
 pub use crate::world::fault_interfaces::FieldFault;
 use crate::world::rotation::Euler;
 
-/// Permanent hard-iron change, microtesla, chip axes.
+/// Permanent hard-iron change, or zero drift of a warming sensor: at once or while the switch is on, then constant;
+/// microtesla, chip axes.
 #[must_use]
 pub fn hard_iron_change(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl FieldFault {
-    move |truth: &TrueState| if switch.is_on(truth.time_us) { change_ut } else { Vector3::zeros() }
-}
-
-/// Zero drift of a warming sensor: linear while the switch is on, then constant; microtesla, chip axes.
-#[must_use]
-pub fn zero_drift(switch: FaultSwitch, change_ut: Vector3<f64>) -> impl FieldFault {
-    move |truth: &TrueState| change_ut * switch.elapsed_fraction(truth.time_us)
+    move |truth: &TrueState| change_ut * switch.changed_fraction(truth.time_us)
 }
 
 /// Hard iron that relaxes to a new value, as of a magnetised part that warms; microtesla, chip axes.
@@ -127,12 +122,14 @@ impl FieldFault for SoftIronHysteresis {
     }
 }
 
-/// A module that turns about the body's z axis in its mount, within an airframe whose iron stays.
+/// A module that turns about the body's z axis in its mount, within an airframe whose iron stays or turns with it.
 pub struct MountTurnFault {
     /// Active while the module turns.
     pub fault_switch: FaultSwitch,
-    /// Airframe whose iron does not turn with the module.
+    /// Airframe of the module.
     pub airframe: Airframe,
+    /// Share of the hard iron that turns with the module.
+    pub turning_iron_share: f64,
     /// Earth's field at the place of the flight.
     pub earth: Earth,
     /// Final turn, degrees, clockwise as seen from above.
@@ -142,9 +139,9 @@ pub struct MountTurnFault {
 impl FieldFault for MountTurnFault {
     fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let Airframe { field_matrix: a, hard_iron_ut: b_ut } = self.airframe;
-        let field_ut = a * self.earth.body_field_ut(truth.euler_angles()) + b_ut;
+        let field_ut = a * self.earth.body_field_ut(truth.euler_angles()) + b_ut * (1.0 - self.turning_iron_share);
         let axis = Rotation3::from_matrix(&a) * Vector3::z_axis();
-        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.elapsed_fraction(truth.time_us);
+        let turn_rad = self.turn_deg.to_radians() * self.fault_switch.changed_fraction(truth.time_us);
         // The field turns the other way in the module's axes.
         Rotation3::from_axis_angle(&axis, -turn_rad) * field_ut - field_ut
     }

@@ -1,23 +1,31 @@
-//! Hard iron that drifts without a change of strength or inclination, in straight flight.
+//! Drift of the heading that either the gyro's offset or hard iron explains.
 //!
-//! The heading alone then drifts, as with a drift of the gyro's offset, and the filter's estimate of the offset follows
-//! it. A turn separates the two. A change of the offset since the last turn, beyond five sigmas of that turn's
-//! estimate, is either the gyro's or the hard iron's: the mean square error of the heading is the square of the
-//! integrated change times the probability of the latter.
+//! Hard iron that changes across the horizontal field turns the heading without a change of strength or inclination. In
+//! straight flight the filter's estimate of the gyro's offset follows it, and with it the heading. If the offset has
+//! not changed, the error of the heading is the integral of the estimate's change since the offset was known: from a
+//! turn, which separates the two, or from the time without a change before. The mean square error is the square of
+//! that integral times the probability of hard iron.
+
+use super::parameters::GYRO_OFFSET_SIGMA_RAD_S;
+use crate::trig::square;
 
 /// Time constant of the mean heading rate, seconds: gusts are shorter, turns are longer.
-const MEAN_RATE_TIME_CONSTANT_S: f32 = 5.0;
+const MEAN_RATE_TIME_CONSTANT_S: f32 = 3.0;
 
 /// Mean heading rate of a turn, rad/s: 2.3 deg/s.
 const MIN_TURN_RATE_RAD_S: f32 = 0.04;
 
-/// Sigmas of the offset at the last turn beyond which it has changed. With three, errors of 10 % in the gyro's scale,
-/// which differ from turn to turn, double the heading's sigma.
-const SIGNIFICANCE_SIGMAS: f32 = 5.0;
+/// Change of the offset, in sigmas of the known one, that is as probable with hard iron as without. With 2, twice as
+/// many headings are bad after hard iron has changed by 5 uT within 4 to 60 s.
+const SIGNIFICANCE_SIGMAS: f32 = 1.5;
 
-/// Probability that hard iron has changed and not the gyro's offset. With a half, the sigma is 1.9 times the RMS error
-/// when the offset grows by 2 deg/s in a minute.
-const HARD_IRON_PROBABILITY: f32 = 0.25;
+/// Probability that hard iron has changed and not the gyro's offset, when the offset's change is certain. With a
+/// quarter, one and a half times as many headings are bad; with a half, the sigma is twice the RMS error when the
+/// offset grows by 2 deg/s in a minute.
+const HARD_IRON_PROBABILITY: f32 = 0.4;
+
+/// Ratio of variances from which an estimate without a change replaces the known offset: half the sigma.
+const LEARNT_VARIANCE_RATIO: f32 = 0.25;
 
 /// Estimate of the gyro offset of the z axis, rad/s.
 #[derive(Clone, Copy, Debug)]
@@ -26,36 +34,49 @@ pub(super) struct GyroOffsetEstimate {
     pub variance: f32,
 }
 
-/// Integrated change of the gyro's offset since the last turn.
+/// Integrated change of the gyro's offset since it was known.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeadingDrift {
     mean_heading_rate_rad_s: f32,
-    /// Estimate in the last turn; `None` before the first.
-    offset_in_turn: Option<GyroOffsetEstimate>,
+    known_offset: GyroOffsetEstimate,
     drift_rad: f32,
 }
 
 impl HeadingDrift {
-    pub const NO_DRIFT: Self = Self { mean_heading_rate_rad_s: 0.0, offset_in_turn: None, drift_rad: 0.0 };
+    pub const NO_DRIFT: Self = Self {
+        mean_heading_rate_rad_s: 0.0,
+        known_offset: GyroOffsetEstimate { offset_rad_s: 0.0, variance: square(GYRO_OFFSET_SIGMA_RAD_S) },
+        drift_rad: 0.0,
+    };
 
     /// Integrates the estimate of a sample `step_s` after the last one.
     pub fn update_drift(&mut self, offset: GyroOffsetEstimate, heading_rate_rad_s: f32, step_s: f32) {
         let part = step_s / (MEAN_RATE_TIME_CONSTANT_S + step_s);
         self.mean_heading_rate_rad_s += part * (heading_rate_rad_s - self.mean_heading_rate_rad_s);
-        if self.mean_heading_rate_rad_s.abs() > MIN_TURN_RATE_RAD_S {
-            self.offset_in_turn = Some(offset);
+        let change_rad_s = offset.offset_rad_s - self.known_offset.offset_rad_s;
+        let usual_square = square(SIGNIFICANCE_SIGMAS) * self.known_offset.variance;
+        // After a turn its mean rate lasts for seconds, in which the offset is no longer observable.
+        if self.is_turning() && heading_rate_rad_s.abs() > MIN_TURN_RATE_RAD_S {
+            self.known_offset = offset;
             self.drift_rad -= part * self.drift_rad;
-        } else if let Some(before) = self.offset_in_turn {
-            let change_rad_s = offset.offset_rad_s - before.offset_rad_s;
-            if change_rad_s * change_rad_s > SIGNIFICANCE_SIGMAS * SIGNIFICANCE_SIGMAS * before.variance {
-                self.drift_rad += change_rad_s * step_s;
-            }
+        } else if offset.variance < LEARNT_VARIANCE_RATIO * self.known_offset.variance
+            && square(change_rad_s) < usual_square
+        {
+            self.known_offset = offset;
+        } else {
+            let is_changed = square(change_rad_s) / (square(change_rad_s) + usual_square + f32::MIN_POSITIVE);
+            self.drift_rad += is_changed * change_rad_s * step_s;
         }
+    }
+
+    /// Whether the mean heading rate of the last seconds is that of a turn.
+    pub fn is_turning(&self) -> bool {
+        self.mean_heading_rate_rad_s.abs() > MIN_TURN_RATE_RAD_S
     }
 
     /// Heading variance due to a possible drift of hard iron, square radians.
     pub fn variance_rad2(&self) -> f32 {
-        HARD_IRON_PROBABILITY * self.drift_rad * self.drift_rad
+        HARD_IRON_PROBABILITY * square(self.drift_rad)
     }
 }
 
@@ -66,48 +87,57 @@ mod tests {
     const SIGMA_RAD_S: f32 = 1e-3;
 
     fn update_for_seconds(drift: &mut HeadingDrift, offset_rad_s: f32, heading_rate_rad_s: f32, seconds: u16) {
-        let offset = GyroOffsetEstimate { offset_rad_s, variance: SIGMA_RAD_S * SIGMA_RAD_S };
+        let offset = GyroOffsetEstimate { offset_rad_s, variance: square(SIGMA_RAD_S) };
         (0..10 * seconds).for_each(|_| drift.update_drift(offset, heading_rate_rad_s, 0.1));
     }
 
-    /// Heading sigma, radians, after a turn and 100 s straight ahead in which the offset has changed.
-    fn sigma_after_change_rad(change_sigmas: f32) -> f32 {
+    /// Drift, radians, after the gyro's offset has become known, in a turn or not, and 100 s straight ahead in which
+    /// the estimate has changed.
+    fn drift_after_change_rad(turn_s: u16, change_sigmas: f32) -> f32 {
         let mut drift = HeadingDrift::NO_DRIFT;
-        update_for_seconds(&mut drift, 0.01, 0.2, 30);
-        update_for_seconds(&mut drift, 0.01, 0.0, 20);
-        update_for_seconds(&mut drift, 0.01 + change_sigmas * SIGMA_RAD_S, 0.0, 100);
-        drift.variance_rad2().sqrt()
+        update_for_seconds(&mut drift, 0.002, 0.2, turn_s);
+        update_for_seconds(&mut drift, 0.002, 0.0, 20);
+        update_for_seconds(&mut drift, 0.002 + change_sigmas * SIGMA_RAD_S, 0.0, 100);
+        drift.drift_rad
     }
 
-    /// 6 mrad/s in 100 s: 0.6 rad with a probability of one quarter.
+    /// Changes of 1 to 6 mrad/s in 100 s, as far as they are significant: half of 1.5 sigmas.
     #[test]
-    fn a_significant_change_of_the_offset_is_integrated() {
-        for change in [6.0, -6.0] {
-            assert!((sigma_after_change_rad(change) - 0.3).abs() < 0.005, "{}", sigma_after_change_rad(change));
+    fn a_change_of_the_known_offset_is_integrated_before_and_after_a_turn() {
+        for turn_s in [0, 30] {
+            for (change_sigmas, drift_rad) in [(6.0, 0.565), (-6.0, -0.565), (1.5, 0.075), (0.5, 0.005)] {
+                let found_rad = drift_after_change_rad(turn_s, change_sigmas);
+                assert!((found_rad - drift_rad).abs() < 0.006, "{turn_s} {change_sigmas}: {found_rad}");
+            }
         }
-        assert!(sigma_after_change_rad(4.9) < 1e-6 && sigma_after_change_rad(-4.9) < 1e-6);
     }
 
+    /// An offset that the first straight flight shows is the gyro's if a usable gyro has it.
     #[test]
-    fn nothing_is_integrated_before_the_first_turn() {
-        let mut drift = HeadingDrift::NO_DRIFT;
-        update_for_seconds(&mut drift, 0.0, 0.0, 10);
-        update_for_seconds(&mut drift, 0.1, 0.0, 100);
-        assert!(drift.variance_rad2() < 1e-9, "{drift:?}");
+    fn the_first_offset_of_a_usable_gyro_is_no_drift() {
+        for (offset_rad_s, is_gyro) in [(0.0035, true), (-0.0035, true), (0.0045, false)] {
+            let mut drift = HeadingDrift::NO_DRIFT;
+            update_for_seconds(&mut drift, offset_rad_s, 0.0, 100);
+            assert_eq!(drift.variance_rad2() < 1e-9, is_gyro, "{drift:?}");
+        }
     }
 
-    /// Three time constants reduce the drift to a twentieth. Gusts of a second are no turn.
+    /// Five time constants reduce the drift to less than a hundredth. Gusts of a second are no turn, and what the
+    /// offset becomes right after a turn is not known from it.
     #[test]
     fn a_turn_ends_the_drift() {
         let mut drift = HeadingDrift::NO_DRIFT;
         update_for_seconds(&mut drift, 0.0, 0.2, 30);
         update_for_seconds(&mut drift, 0.0, 0.0, 20);
         for gust in 0..60_u8 {
-            update_for_seconds(&mut drift, 0.01, if gust.is_multiple_of(2) { 0.2 } else { -0.2 }, 1);
+            update_for_seconds(&mut drift, 0.01, if gust.is_multiple_of(2) { 0.12 } else { -0.12 }, 1);
         }
-        assert!((drift.drift_rad - 0.6).abs() < 0.01, "{drift:?}");
+        assert!((drift.drift_rad - 0.6).abs() < 0.03, "{drift:?}");
         update_for_seconds(&mut drift, 0.01, 0.2, 15);
         update_for_seconds(&mut drift, 0.01, 0.0, 60);
-        assert!(drift.drift_rad < 0.06, "{drift:?}");
+        assert!(drift.drift_rad < 0.01, "{drift:?}");
+        update_for_seconds(&mut drift, 0.01, 0.2, 15);
+        update_for_seconds(&mut drift, 0.02, 0.0, 10);
+        assert!((drift.drift_rad - 0.1).abs() < 0.01, "{drift:?}");
     }
 }

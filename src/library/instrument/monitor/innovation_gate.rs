@@ -160,6 +160,11 @@ impl InnovationGate {
         self.withheld_s
     }
 
+    /// Whether a change was detected in the last seconds.
+    pub fn is_change_recent(&self) -> bool {
+        self.withholding_remaining_s > 0.0 && self.gross_sample_count == 0
+    }
+
     pub fn is_withholding(&self) -> bool {
         self.withholding_remaining_s > 0.0 || self.gross_sample_count > 0 || self.required_turn_rad > 0.0
     }

@@ -204,6 +204,10 @@ impl MeasurementModel {
         }
     }
 
+    pub fn cos_inclination(&self) -> f32 {
+        1.0 / trig::hypot(1.0, self.tan_inclination)
+    }
+
     pub fn field_jacobians(&self) -> [Vector3<f32>; 3] {
         // The model subtracts `beta` from the field; hence the sign.
         [self.strength_jacobian, self.inclination_jacobian, self.heading_jacobian].map(|row| -hard_iron_change(&row))

@@ -43,7 +43,7 @@ use crate::frames::wrap_pi;
 use crate::heading::NoHeading;
 use crate::time::Timestamp;
 use crate::trig;
-use crate::trig::{VectorLength as _, sqrt};
+use crate::trig::{VectorLength as _, sqrt, square};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
 use coefficient_variance::CoefficientVarianceFactor;
@@ -63,10 +63,10 @@ pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
-    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD,
-    MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_OFFSET_RAD_S,
-    MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, CONTINUED_CHANGE_TIME_S,
+    EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S,
+    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
+    MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
     MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
     MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
     MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
@@ -181,13 +181,13 @@ impl Monitor {
         self.acceleration_tilt.update_tilt(monitor_sample.attitude, &monitor_sample.euler_rates, step_s);
         self.predict_state(step_s);
         let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &monitor_sample.euler_rates));
-        self.inflate_by_drift(monitor_sample.attitude.roll_rad, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
+        self.inflate_by_drift(monitor_sample.attitude.roll_rad, &heading_jacobian, step_s);
         let [_, z] = GYRO_RATE_OFFSET_INDICES;
         let gyro_offset =
             GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
@@ -386,7 +386,10 @@ impl Monitor {
             self.inflate_gyro_rate_offsets(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
-            GateResult::Consistent { is_usable } => is_usable,
+            GateResult::Consistent { is_usable } => {
+                self.inflate_by_continued_change(model, innovations, step_s);
+                is_usable
+            }
             GateResult::ChangeDetected { exceeding_residuals } => {
                 let turn_rad = mount_turn_rad(calibration, &model.calibrated_field_residual, normalised_field);
                 let roll_rad = sample.attitude.roll_rad;
@@ -395,6 +398,25 @@ impl Monitor {
                 [true; 3]
             }
         }
+    }
+
+    /// Inflates hard iron by the part of the innovations that its variance does not explain, soon after a detected
+    /// change: the change may go on, and then gyro offset and attitude must not follow it. Not in turns, where the gates
+    /// detect it again.
+    fn inflate_by_continued_change(
+        &mut self,
+        model: &MeasurementModel,
+        innovations: PerKind<Option<Innovation>>,
+        step_s: f32,
+    ) {
+        if !self.innovation_gate.is_change_recent() || self.heading_drift.is_turning() {
+            return;
+        }
+        let unexplained = |Innovation { residual, variance }| (residual * residual - variance).max(0.0);
+        let [strength, inclination, heading] = innovations.map(|innovation| innovation.map_or(0.0, unexplained));
+        let square_size = strength.max(inclination).max(heading * square(model.cos_inclination()));
+        let variance = square_size.min(square(MAX_INFLATING_INNOVATION)) * step_s / CONTINUED_CHANGE_TIME_S;
+        self.inflate_states(&HARD_IRON_INDICES, variance);
     }
 
     /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
@@ -416,18 +438,22 @@ impl Monitor {
     }
 
     /// Inflates all axes of hard iron by a drift of the field: unobserved axes may have drifted as much as observed
-    /// ones. In a bank, which makes it observable, the mount's turn is inflated as well.
-    fn inflate_by_drift(&mut self, roll_rad: f32, step_s: f32) {
+    /// ones. Hard iron across the horizontal field does not count: an error of the gyro's offset moves it as well, and
+    /// the inflation would free it to go on. In a bank, which makes it observable, the mount's turn is inflated as well.
+    fn inflate_by_drift(&mut self, roll_rad: f32, heading_jacobian: &StateVector, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
         if self.post_change_remaining_s > 0.0 {
             self.past_drifting_states = now;
         }
-        let mut drift_squared = 0.0;
-        for (past, now) in self.past_drifting_states.iter_mut().zip(now) {
+        let mut drift = [0.0; DRIFTING_STATES.len()];
+        for ((drift, past), now) in drift.iter_mut().zip(&mut self.past_drifting_states).zip(now) {
             *past += (now - *past) * step_s / (FIELD_DRIFT_TIME_S + step_s);
-            drift_squared += (now - *past) * (now - *past);
+            *drift = now - *past;
         }
+        let [x, y, z, ..] = drift;
+        let across = measurement_model::hard_iron_change(heading_jacobian).unit_vector().dot(&Vector3::new(x, y, z));
+        let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(across);
         if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
@@ -469,7 +495,7 @@ impl Monitor {
         [strength, inclination, heading]: PerKind<f32>,
         roll_rad: f32,
     ) {
-        let cos_inclination = 1.0 / sqrt(1.0 + model.tan_inclination * model.tan_inclination);
+        let cos_inclination = model.cos_inclination();
         // Field change across the horizontal component, relative to the field strength.
         let [strength, inclination, across] =
             [strength, inclination, heading * cos_inclination].map(|size| size.min(MAX_INFLATING_INNOVATION));

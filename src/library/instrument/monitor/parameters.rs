@@ -27,6 +27,9 @@ const fn random_walk_noise(initial_sigma: f32, process_noise_per_s: f32) -> Stat
 /// Time in which a random walk of the hard iron has the expected drift, seconds.
 const HARD_IRON_DRIFT_TIME_S: f32 = 62.5;
 
+/// Initial sigma of a gyro offset, rad/s: 0.15 deg/s, the remainder of an autopilot's offset correction.
+pub(super) const GYRO_OFFSET_SIGMA_RAD_S: f32 = 0.0026;
+
 /// Initial sigma and process noise of state `state_index` of the monitor's filter, with the symbols of
 /// [`measurement_model`](super::measurement_model).
 pub(super) fn state_noise(state_index: usize, errors: SensorErrorSigmas) -> StateNoise {
@@ -51,8 +54,8 @@ pub(super) fn state_noise(state_index: usize, errors: SensorErrorSigmas) -> Stat
         MOUNT_TURN_INDEX => random_walk_noise(MOUNT_TURN_INITIAL_SIGMA_RAD, 4e-7),
         // Gyro heading offset c: unknown, more than pi; random walk of the gyro 0.06 deg in a second.
         GYRO_HEADING_OFFSET_INDEX => random_walk_noise(10.0, 1e-6),
-        // Gyro offsets b_y and b_z: 0.15 deg/s, the remainder of an autopilot's offset correction.
-        _ if GYRO_RATE_OFFSET_INDICES.contains(&state_index) => random_walk_noise(0.0026, 1e-9),
+        // Gyro offsets b_y and b_z.
+        _ if GYRO_RATE_OFFSET_INDICES.contains(&state_index) => random_walk_noise(GYRO_OFFSET_SIGMA_RAD_S, 1e-9),
         // Rows of y and z of the gyro's scale matrix.
         _ => random_walk_noise(errors.gyro_scale, 1e-10),
     }
@@ -63,6 +66,10 @@ pub(super) const POST_CHANGE_S: f32 = 60.0;
 
 /// Hard-iron process noise within `POST_CHANGE_S` of a detected change: 0.4 uT of 50 in a minute.
 pub(super) const POST_CHANGE_HARD_IRON_NOISE: StateNoise = random_walk_noise(0.01, 1e-6);
+
+/// Time in which a detected change that goes on moves the hard iron by its innovation, seconds: a third of it in a
+/// sample. With 1 s, errors are the same.
+pub(super) const CONTINUED_CHANGE_TIME_S: f32 = 0.3;
 
 /// Inflation of the heading variance at a detected change (dimensionless): the states may not model the change. It ends
 /// within `POST_CHANGE_S` if the field is as calibrated again.

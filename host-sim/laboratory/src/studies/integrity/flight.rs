@@ -1,6 +1,7 @@
 //! One flight of a case: calibration, then a flight in which every output sentence is evaluated.
 
 use autoswing::calibration::Calibration;
+use autoswing_firmware::health::ResetCause;
 use autoswing_module::settings::HeadingKind;
 use log_analysis::score::wrap_180;
 use nalgebra::Vector3;
@@ -17,7 +18,6 @@ use simulator::world::{TrueState, WorldConfig};
 
 use super::fault_case::{FaultCase, FaultOnset, RandomCase};
 use super::integrity_plan::IntegrityPlan;
-use super::legs_after_calibration;
 use super::statistics::{EvaluatedSentence, HeadingStatistics};
 
 /// Accepted calibration.
@@ -61,13 +61,25 @@ const RUN_STEP_S: f64 = 0.5;
 
 const SENTENCE_INTERVAL_S: f64 = 0.1;
 
+/// Time until an accepted calibration is stored, seconds.
+const STORING_S: f64 = 2.0;
+
 /// Time after the turns within which the module must report the result of its solve, seconds.
 const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 /// Flies the case for a seed, with vehicle, attitude source and heading output of the plan.
 #[must_use]
 pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlightResult {
-    let mut drawn_case = case.draw_case(seed, plan.aircraft, plan.attitude_protocol);
+    fly_drawn_case(case, case.draw_case(seed, plan.aircraft, plan.attitude_protocol), seed, plan)
+}
+
+/// Flies a drawn case of a seed.
+pub(super) fn fly_drawn_case(
+    case: &FaultCase,
+    mut drawn_case: RandomCase,
+    seed: u64,
+    plan: &IntegrityPlan,
+) -> CaseFlightResult {
     let faults = std::mem::take(&mut drawn_case.faults);
     let field_faults = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn_case.world, faults, [drawn_case.far_end, FarEnd::Unconnected]);
@@ -77,7 +89,7 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
         fault_switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
-    rig.send_console_line(&format!("stream heading {}", plan.heading.choice_name()));
+    select_heading(&mut rig, plan);
     rig.send_console_line(drawn_case.routine.start_command);
     if let FaultOnset::DuringCalibration { after_s, until_s } = onset {
         fault_switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
@@ -94,6 +106,12 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
     let mut output_statistics = HeadingStatistics::default();
     let mut notes = Vec::new();
     if calibrated.is_ok() {
+        if drawn_case.is_restarted {
+            rig.run_for_s(STORING_S);
+            rig.power_on(ResetCause::PowerOn);
+            rig.run_for_s(RUN_STEP_S);
+            select_heading(&mut rig, plan);
+        }
         if let FaultOnset::AfterCalibration { after_s, for_s } = onset {
             let from_us = add_seconds_us(rig.now_us(), after_s);
             fault_switch.set_active(from_us, add_seconds_us(from_us, for_s));
@@ -125,6 +143,10 @@ pub fn fly_case(case: &FaultCase, seed: u64, plan: &IntegrityPlan) -> CaseFlight
         hard_iron_estimate_error(&mut rig, &world, added_field_ut)
     });
     CaseFlightResult { calibration: calibrated, output_statistics, note_codes: notes, hard_iron_error }
+}
+
+fn select_heading(rig: &mut Rig, plan: &IntegrityPlan) {
+    rig.send_console_line(&format!("stream heading {}", plan.heading.choice_name()));
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_field_ut`, chip
@@ -211,7 +233,7 @@ fn fly_after_calibration(
     seed: u64,
     on_sentence: &mut dyn FnMut(u64, &EvaluatedSentence),
 ) -> Vec<String> {
-    let RandomCase { ground_time_s, flight_after_calibration_s, further_legs, .. } = *drawn_case;
+    let RandomCase { ground_time_s, flight_after_calibration_s, first_legs, further_legs, .. } = *drawn_case;
     let mut random = RandomStream::new(seed, StreamPurpose::Legs);
     if ground_time_s > 0.0 {
         // Keeps the last attitude and the unwrapped heading, to avoid jumps.
@@ -227,7 +249,7 @@ fn fly_after_calibration(
     let take_off_us = add_seconds_us(rig.now_us(), ground_time_s);
     let end_us = add_seconds_us(take_off_us, flight_after_calibration_s);
     let vehicle_kind = rig.world.world_config().aircraft.kind;
-    for leg in legs_after_calibration::first_legs(vehicle_kind, &mut random) {
+    for leg in first_legs(vehicle_kind, &mut random) {
         rig.world.append_leg(leg);
     }
     let mut reader = SentenceReader::default();

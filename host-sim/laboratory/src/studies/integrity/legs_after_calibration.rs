@@ -10,7 +10,7 @@ pub(super) const INSTANT_IN_LEVEL_FLIGHT_S: f64 = 25.0;
 pub(super) const INSTANT_IN_TURN_S: f64 = 48.0;
 
 /// Straight leg, then a full circle that is in progress 48 s after the start.
-pub(super) fn first_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -> [Leg; 2] {
+pub(super) fn first_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
     let straight = Leg::Straight {
         heading_deg: random.uniform(0.0, 360.0),
         seconds: INSTANT_IN_LEVEL_FLIGHT_S.midpoint(INSTANT_IN_TURN_S),
@@ -21,7 +21,7 @@ pub(super) fn first_legs(vehicle_kind: VehicleKind, random: &mut RandomStream) -
     } else {
         Leg::Turn { bank_deg: 25.0, heading_change_deg: 360.0 }
     };
-    [straight, circle]
+    vec![straight, circle]
 }
 
 /// Straight leg; then a turn, or hover, yaw and a tilt to the side.
@@ -61,6 +61,32 @@ pub(super) fn steep_turns(vehicle_kind: VehicleKind, random: &mut RandomStream) 
     legs
 }
 
+/// One straight leg to the end of the flight.
+pub(super) fn straight_leg(vehicle_kind: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
+    if !vehicle_kind.can_hover() {
+        return steady_leg(vehicle_kind, random);
+    }
+    vec![Leg::Straight { heading_deg: random.uniform(0.0, 360.0), seconds: f64::INFINITY }]
+}
+
+/// A turn at 3 to 8 deg of bank: 1 to 4 deg/s at 20 m/s.
+pub(super) fn slow_turn(_: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
+    vec![Leg::Turn { bank_deg: random.uniform(3.0, 8.0), heading_change_deg: random.uniform(-180.0, 180.0) }]
+}
+
+/// Two circles to one side.
+pub(super) fn circles(_: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
+    let heading_change_deg = if random.uniform(-1.0, 1.0) < 0.0 { -720.0 } else { 720.0 };
+    vec![Leg::Turn { bank_deg: random.uniform(15.0, 35.0), heading_change_deg }]
+}
+
+/// Two tracks of a survey there and back.
+pub(super) fn survey(_: VehicleKind, random: &mut RandomStream) -> Vec<Leg> {
+    let track = Leg::Hover { seconds: random.uniform(20.0, 60.0) };
+    let turn_back = |heading_change_deg| Leg::Turn { bank_deg: 25.0, heading_change_deg };
+    vec![track, turn_back(180.0), track, turn_back(-180.0)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -70,9 +96,9 @@ mod tests {
     #[test]
     fn hovering_vehicles_yaw_and_tilt_and_aeroplanes_turn() {
         let mut random = RandomStream::new(3, StreamPurpose::Legs);
-        assert!(matches!(first_legs(VehicleKind::Plane, &mut random), [Leg::Straight { .. }, Leg::Turn { .. }]));
+        assert!(matches!(first_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
         assert!(matches!(further_legs(VehicleKind::Plane, &mut random)[..], [Leg::Straight { .. }, Leg::Turn { .. }]));
-        assert!(matches!(first_legs(VehicleKind::Copter, &mut random), [Leg::Straight { .. }, Leg::Yaw { .. }]));
+        assert!(matches!(first_legs(VehicleKind::Copter, &mut random)[..], [Leg::Straight { .. }, Leg::Yaw { .. }]));
         let legs = further_legs(VehicleKind::Copter, &mut random);
         assert!(legs.iter().any(|leg| matches!(leg, Leg::Tilt { tilt_deg, .. } if (10.0..25.0).contains(tilt_deg))));
         assert!(legs.iter().all(|leg| !matches!(leg, Leg::Turn { .. })));

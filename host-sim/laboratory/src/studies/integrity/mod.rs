@@ -9,13 +9,15 @@ pub mod flight;
 mod integrity_plan;
 mod legs_after_calibration;
 mod statistics;
+mod sweep;
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use fault_case::{ALL_CASES, FaultCase};
+pub use fault_case::{ALL_CASES, FaultCase, SWEEP_FAMILIES};
 pub use integrity_plan::{AttitudeProtocol, IntegrityPlan};
 pub use statistics::HeadingStatistics;
+pub use sweep::{BEGINS_S, DURATIONS_S, Sweep, SweepCell, run_sweep, sweep_flight_count};
 
 use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};
 

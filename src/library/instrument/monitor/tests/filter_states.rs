@@ -175,26 +175,62 @@ fn the_heading_variance_is_threefold_while_a_change_remains_and_falls_within_a_m
 /// Other axes of the hard iron may have drifted as much as the observed one; a turn of the mount shows in a bank only.
 #[test]
 fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
-    // Drift relative to the field, bank, remaining time after a detected change; whether hard iron and mount are
-    // inflated.
-    for (drift, roll_rad, post_change_s, is_inflated) in [
-        (-0.01, 0.05, 0.0, [true, false]),
-        (0.01, 0.4, 0.0, [true, true]),
-        (0.01, -0.4, 0.0, [true, true]),
-        (0.002, 0.4, 0.0, [false, false]),
-        (0.01, 0.4, 1.0, [false, false]),
+    // Drift along x relative to the field, bank, remaining time after a detected change, axis across the horizontal
+    // field; whether hard iron and mount are inflated.
+    for (drift, roll_rad, post_change_s, across, is_inflated) in [
+        (-0.01, 0.05, 0.0, 1, [true, false]),
+        (0.01, 0.4, 0.0, 1, [true, true]),
+        (0.01, -0.4, 0.0, 1, [true, true]),
+        (0.002, 0.4, 0.0, 1, [false, false]),
+        (0.01, 0.4, 1.0, 1, [false, false]),
+        // An error of the gyro's offset moves this axis.
+        (0.01, 0.4, 0.0, 0, [false, false]),
     ] {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         let before = state_variances(&monitor);
         monitor.filter.set_mean(HARD_IRON_CHANGE_INDEX, drift);
         monitor.post_change_remaining_s = post_change_s;
-        monitor.inflate_by_drift(roll_rad, STEP_S);
+        let mut heading_jacobian = [0.0; STATE_COUNT];
+        heading_jacobian[HARD_IRON_CHANGE_INDEX + across] = 2.0;
+        monitor.inflate_by_drift(roll_rad, &heading_jacobian, STEP_S);
         let now = state_variances(&monitor);
         let is_larger = |i: usize| now[i] > before[i];
-        let case = format!("{drift} {roll_rad} {post_change_s}");
+        let case = format!("{drift} {roll_rad} {post_change_s} {across}");
         assert_eq!(HARD_IRON_INDICES.map(is_larger), [is_inflated[0]; 3], "{case}");
         assert_eq!(is_larger(MOUNT_TURN_INDEX), is_inflated[1], "{case}");
         assert!((STRENGTH_CHANGE_INDEX..STATE_COUNT).all(|i| !is_larger(i)), "{case}");
+    }
+}
+
+/// A heading that is off by 0.3 rad at an inclination of 60 deg: a third of the horizontal field's 0.15 in a sample,
+/// less the variance of the innovation.
+#[test]
+fn a_change_that_goes_on_inflates_hard_iron_except_in_a_turn() {
+    let added_variance = |residual: f32, is_detected: bool, heading_rad_s: f32| {
+        let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
+        let states = *monitor.filter.mean();
+        let sample = sample_at_rest(60_f32.to_radians(), RollPitch::default());
+        let model = MeasurementModel::new(&sample, &states, &PredictedField::new(&states, 60_f32.to_radians(), None));
+        for _ in 0..if is_detected { 2 } else { 0 } {
+            let innovation = Some(Innovation { residual: 0.1, variance: 1e-4 });
+            monitor.innovation_gate.test_innovations([innovation; 3], STEP_S);
+        }
+        let offset = GyroOffsetEstimate { offset_rad_s: 0.0, variance: 1e-6 };
+        (0..50).for_each(|_| monitor.heading_drift.update_drift(offset, heading_rad_s, STEP_S));
+        let before = state_variances(&monitor)[HARD_IRON_CHANGE_INDEX];
+        let innovations = [None, None, Some(Innovation { residual, variance: 0.01 })];
+        monitor.inflate_by_continued_change(&model, innovations, STEP_S);
+        state_variances(&monitor)[HARD_IRON_CHANGE_INDEX] - before
+    };
+    for (residual, is_detected, heading_rad_s, expected) in [
+        (0.3, true, 0.0, 0.08 / 4.0 / 3.0),
+        (-0.3, true, 0.0, 0.08 / 4.0 / 3.0),
+        (0.09, true, 0.0, 0.0),
+        (0.3, false, 0.0, 0.0),
+        (0.3, true, 0.2, 0.0),
+    ] {
+        let found = added_variance(residual, is_detected, heading_rad_s);
+        assert!((found - expected).abs() < 1e-5, "{residual} {is_detected} {heading_rad_s}: {found}");
     }
 }
 

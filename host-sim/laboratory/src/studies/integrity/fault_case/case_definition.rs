@@ -11,7 +11,7 @@ use simulator::faults::attitude::{
 };
 use simulator::faults::field::{
     FieldFault, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
-    passing_object, throttle_interference, zero_drift,
+    passing_object, throttle_interference,
 };
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
@@ -73,6 +73,9 @@ pub enum FaultOnset {
     },
 }
 
+/// Draws legs for a kind of vehicle.
+pub type DrawLegs = fn(VehicleKind, &mut RandomStream) -> Vec<Leg>;
+
 /// Case with random values drawn from a seed.
 pub struct RandomCase {
     /// Airframe, place, weather, errors of the attitude source.
@@ -87,12 +90,16 @@ pub struct RandomCase {
     pub fault_switch: FaultSwitch,
     /// Time during which the fault is active.
     pub fault_onset: FaultOnset,
+    /// Whether the module is switched off and on after the calibration.
+    pub is_restarted: bool,
     /// Time on the ground between the calibration and the flight after it, seconds.
     pub ground_time_s: f64,
     /// Duration of the flight after the calibration, seconds.
     pub flight_after_calibration_s: f64,
-    /// Draws the legs of the flight after the calibration that follow its first two.
-    pub further_legs: fn(VehicleKind, &mut RandomStream) -> Vec<Leg>,
+    /// Draws the first legs of the flight after the calibration.
+    pub first_legs: DrawLegs,
+    /// Draws the legs that follow them.
+    pub further_legs: DrawLegs,
     pub(super) seed: u64,
     pub(super) random_stream: RandomStream,
 }
@@ -155,6 +162,17 @@ impl FaultCase {
     /// Draws the flight of a seed.
     #[must_use]
     pub fn draw_case(&self, seed: u64, aircraft: VehicleKind, source: AttitudeProtocol) -> RandomCase {
+        self.draw_prepared(seed, aircraft, source, &|_| {})
+    }
+
+    /// Draws the flight of a seed; `prepare` changes it before the case does.
+    pub(super) fn draw_prepared(
+        &self,
+        seed: u64,
+        aircraft: VehicleKind,
+        source: AttitudeProtocol,
+        prepare: &dyn Fn(&mut RandomCase),
+    ) -> RandomCase {
         let mut drawn_case = RandomCase {
             world: WorldConfig::random_world(seed).with_vehicle_kind(aircraft),
             far_end: source.far_end(),
@@ -162,12 +180,15 @@ impl FaultCase {
             faults: Faults::default(),
             fault_switch: FaultSwitch::initially_off(),
             fault_onset: FaultOnset::Never,
+            is_restarted: false,
             ground_time_s: 0.0,
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
+            first_legs: legs_after_calibration::first_legs,
             further_legs: legs_after_calibration::further_legs,
             seed,
             random_stream: RandomStream::new(seed, StreamPurpose::FaultCase),
         };
+        prepare(&mut drawn_case);
         (self.configure_case)(&mut drawn_case);
         drawn_case
     }
@@ -262,7 +283,7 @@ impl RandomCase {
     pub(super) fn bias_attitude(&mut self, degrees: f64) {
         let direction_rad = self.random_stream.uniform(0.0, TAU);
         let bias_rad =
-            [libm::cos(direction_rad), libm::sin(direction_rad)].map(|component| degrees.to_radians() * component);
+            [libm::cos(direction_rad), libm::sin(direction_rad), 0.0].map(|component| degrees.to_radians() * component);
         self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.case_switch(), bias_rad));
     }
 
@@ -402,7 +423,7 @@ impl RandomCase {
 
     pub(super) fn drift_zero(&mut self, onset: FaultOnset) {
         let change_ut = self.random_field_ut(10.0);
-        self.add_field_fault(onset, zero_drift(self.case_switch(), change_ut));
+        self.add_field_fault(onset, hard_iron_change(self.case_switch(), change_ut));
     }
 
     /// Adds straight flight or hover for ten minutes after the first legs, in which hard iron drifts.
@@ -416,13 +437,18 @@ impl RandomCase {
 
     /// Turns the module in its mount within `for_s` seconds.
     pub(super) fn turn_mount(&mut self, turn_deg: f64, for_s: f64) {
-        let side_sign = if self.random_stream.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        let onset = FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s };
-        let (airframe, earth) = (self.world.airframe, self.world.earth);
-        self.add_field_fault(
-            onset,
-            MountTurnFault { fault_switch: self.case_switch(), airframe, earth, turn_deg: side_sign * turn_deg },
-        );
+        let turn_deg = self.random_sign() * turn_deg;
+        self.add_mount_turn(FaultOnset::AfterCalibration { after_s: DEFAULT_ONSET_S, for_s }, turn_deg, 0.0);
+    }
+
+    pub(super) fn add_mount_turn(&mut self, onset: FaultOnset, turn_deg: f64, turning_iron_share: f64) {
+        let WorldConfig { airframe, earth, .. } = self.world;
+        let fault_switch = self.case_switch();
+        self.add_field_fault(onset, MountTurnFault { fault_switch, airframe, turning_iron_share, earth, turn_deg });
+    }
+
+    pub(super) fn random_sign(&mut self) -> f64 {
+        if self.random_stream.uniform(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 }
     }
 
     pub(super) fn pass_object(&mut self, peak_ut: f64, for_s: f64) {

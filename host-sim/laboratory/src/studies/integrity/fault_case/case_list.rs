@@ -17,7 +17,11 @@ use crate::studies::integrity::legs_after_calibration::{INSTANT_IN_LEVEL_FLIGHT_
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
 /// Case for all vehicles and attitude sources.
-const fn define_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
+pub(super) const fn define_case(
+    name: &'static str,
+    description: &'static str,
+    configure_case: fn(&mut RandomCase),
+) -> FaultCase {
     FaultCase {
         case_name: name,
         description,
@@ -47,7 +51,11 @@ const fn non_hover_case(
 }
 
 /// Case for autopilots with several senders or body rates.
-const fn mavlink_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
+pub(super) const fn mavlink_case(
+    name: &'static str,
+    description: &'static str,
+    configure_case: fn(&mut RandomCase),
+) -> FaultCase {
     FaultCase { needs_mavlink: true, ..define_case(name, description, configure_case) }
 }
 

@@ -2,9 +2,11 @@
 
 mod case_definition;
 mod case_list;
+mod sweep_families;
 
 pub use case_definition::{FaultCase, FaultOnset, RandomCase};
 pub use case_list::ALL_CASES;
+pub use sweep_families::{Change, SWEEP_FAMILIES};
 
 /// The case with this name, if any.
 #[must_use]
