@@ -49,7 +49,10 @@ pub fn parameters_section(report: &Report) -> String {
         return String::new();
     }
     let rows = report.parameter_changes.iter().map(|change| {
-        let logged = change.logged_value.map_or_else(|| "–".to_owned(), |value| value.to_string());
+        let logged = change
+            .logged_value
+            .filter(|value| value.is_finite())
+            .map_or_else(|| "–".to_owned(), |value| value.to_string());
         (change.name.clone(), vec![logged, change.new_value.clone()])
     });
     html_table("Parameters of the autopilot", "", &["in the log", "to load"], rows)
