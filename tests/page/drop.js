@@ -209,7 +209,7 @@ async function checkRefusals({ page, addFinding }, log) {
 // A range that is dragged on a chart is judged by a button next to it.
 async function checkDraggedPart(look, log) {
   const { page, addFinding } = look;
-  await choose(page, log);
+  await drop(page, log);
   await untilJudged(page);
   await page.evaluate(() => (document.querySelector("#charts").closest("details").open = true));
   const over = page.locator('[data-chart="errors"] .u-over').first();

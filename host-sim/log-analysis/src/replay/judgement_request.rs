@@ -94,7 +94,7 @@ impl fmt::Display for JudgementError {
 ///
 /// # Errors
 ///
-/// The log has no such compass, reference or part.
+/// The log lacks the compass, the reference or the part.
 pub fn evaluate_as_requested(
     flight: &LoggedFlight,
     options: &EvaluationOptions,

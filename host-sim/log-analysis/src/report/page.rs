@@ -20,7 +20,7 @@ const CHART_STYLE: &str = include_str!("assets/uplot/uPlot.min.css");
 /// Content security policy: inline style, this script by its checksum, no network. scripts/page fails if the checksum
 /// is outdated.
 const CONTENT_SECURITY_POLICY: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-qebskoW8VsDT/k9um/JwdKNeu8kbVNdkey/xIuSEZQc='";
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-qnffCWyoD19V4GtW2Xk72+0t38sRje6NkLJU/yNxdjg='";
 
 pub fn render_html(report: &Report) -> String {
     let sections_html = concat_map(page_sections(report), |PageSection { id, title, html, is_folded }| {

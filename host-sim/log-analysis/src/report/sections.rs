@@ -49,8 +49,10 @@ pub fn parameters_section(report: &Report) -> String {
         return String::new();
     }
     let rows = report.parameter_changes.iter().map(|change| {
-        let logged = change.logged_value.filter(|value| value.is_finite());
-        let logged = logged.map_or_else(|| "–".to_owned(), |value| value.to_string());
+        let logged = change
+            .logged_value
+            .filter(|value| value.is_finite())
+            .map_or_else(|| "–".to_owned(), |value| value.to_string());
         (change.name.clone(), vec![logged, change.new_value.clone()])
     });
     html_table("Parameters of the autopilot", "", &["in the log", "to load"], rows)
@@ -121,9 +123,13 @@ pub fn origin_section(report: &Report) -> String {
     html.concat()
 }
 
-/// Key figures, the comparison of calibrators, and the facts about each compass.
+/// The module's result, the comparison of calibrators, and the facts about each compass.
 pub fn figures_section(report: &Report) -> String {
     let mut html = vec![facts_list(&report.key_figures)];
+    if let Some(module_verdict) = &report.module_verdict {
+        let verdict = escape_html(module_verdict.trim_end_matches('.'));
+        html.push(format!("<p>An Autoswing module on this flight: {verdict}.</p>\n"));
+    }
     if !report.calibrators.calibrator_rows.is_empty() {
         html.push(comparison_table(report));
     }

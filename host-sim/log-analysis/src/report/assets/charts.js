@@ -81,6 +81,7 @@
         u.ctx.strokeStyle = u.ctx.fillStyle = colour("--ink");
         u.ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
         u.ctx.setLineDash([5 * devicePixelRatio, 3 * devicePixelRatio]);
+        u.ctx.textAlign = "left";
         // Right edges of the labels in each line: a label goes to the first line with room.
         const edges = [];
         data.marks.forEach(({ at, name }) => {
@@ -91,7 +92,8 @@
           u.ctx.lineTo(x, top + height);
           u.ctx.stroke();
           const size = u.ctx.measureText(name).width;
-          const from = Math.max(left, Math.min(x + 4 * devicePixelRatio, left + width - size));
+          const space = 4 * devicePixelRatio;
+          const from = x + space + size < left + width ? x + space : Math.max(left, x - space - size);
           const free = edges.findIndex((edge) => edge < from);
           const row = free < 0 ? edges.length : free;
           edges[row] = from + size + 6 * devicePixelRatio;
