@@ -147,7 +147,7 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.can_state(now));
-    if let Some(action) = links.links_of_line(AutopilotLine::Can).autopilot_action.try_take() {
+    if let Some(action) = links.take_autopilot_action(AutopilotLine::Can) {
         node.begin_autopilot_action(action);
     }
     if let Some(message) = node.take_message(now) {

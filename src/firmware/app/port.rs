@@ -91,7 +91,7 @@ pub async fn run_port(
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
-                if let Some(action) = wires.autopilot_action.try_take() {
+                if let Some(action) = links.take_autopilot_action(line) {
                     port.mavlink.begin_autopilot_action(action);
                 }
                 if let Some(message) = port.mavlink.take_message(at) {

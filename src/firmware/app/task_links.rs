@@ -112,6 +112,8 @@ pub struct TaskLinks {
     /// Request to restart the module, for the console, which does so.
     pub(super) restart_request: Signal<CriticalSectionRawMutex, ()>,
     lines: [LineLinks; LINE_COUNT],
+    /// Action on the autopilot of a line, which polls it.
+    autopilot_action: Mutex<CriticalSectionRawMutex, Cell<Option<(AutopilotLine, AutopilotAction)>>>,
     attitude_line_selector: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
     pub(super) event_counters: EventCounters,
@@ -141,6 +143,7 @@ impl TaskLinks {
             estimates: Watch::new(),
             restart_request: Signal::new(),
             lines: [const { LineLinks::new() }; LINE_COUNT],
+            autopilot_action: Mutex::new(Cell::new(None)),
             attitude_line_selector: Mutex::new(Cell::new(LineSelector::new())),
             can_state: Mutex::new(Cell::new(None)),
             event_counters: EventCounters::new(),
@@ -203,15 +206,23 @@ impl TaskLinks {
 
     /// Passes an action to the first line whose autopilot is known by MAVLink.
     pub(super) fn pass_autopilot_action(&self, action: AutopilotAction) {
-        let lines = AutopilotLine::ALL_LINES.into_iter().map(|line| self.links_of_line(line));
-        let mut mavlink_lines = lines.filter(|line| {
-            let LineState { protocol, is_armed } = line.state.lock(Cell::get);
+        let mut mavlink_lines = AutopilotLine::ALL_LINES.into_iter().filter(|line| {
+            let LineState { protocol, is_armed } = self.links_of_line(*line).state.lock(Cell::get);
             protocol == ProtocolKind::Mavlink && is_armed.is_some()
         });
         match mavlink_lines.next() {
-            Some(line) => line.autopilot_action.signal(action),
+            Some(line) => self.autopilot_action.lock(|pending| pending.set(Some((line, action)))),
             None => self.broadcast_message(&Message::Autopilot(AutopilotReport::NoAutopilot)),
         }
+    }
+
+    /// Takes the action on the autopilot of a line.
+    pub(super) fn take_autopilot_action(&self, line: AutopilotLine) -> Option<AutopilotAction> {
+        self.autopilot_action.lock(|pending| {
+            let (_, action) = pending.get().filter(|(addressee, _)| *addressee == line)?;
+            pending.set(None);
+            Some(action)
+        })
     }
 
     /// Sets the ports' initial protocols to those detected before the restart.
@@ -309,8 +320,6 @@ pub(super) struct LineLinks {
     pub heartbeat: AtomicU32,
     /// Unsolicited messages for the line.
     pub messages: TaskQueue<Message, MESSAGE_QUEUE_CAPACITY>,
-    /// Action on the line's autopilot.
-    pub autopilot_action: Signal<CriticalSectionRawMutex, AutopilotAction>,
     /// Result of a command received on this line.
     pub command_results: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
     state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
@@ -321,7 +330,6 @@ impl LineLinks {
         Self {
             heartbeat: AtomicU32::new(0),
             messages: Channel::new(),
-            autopilot_action: Signal::new(),
             command_results: Signal::new(),
             state: Mutex::new(Cell::new(LineState { protocol: ProtocolKind::Auto, is_armed: None })),
         }

@@ -30,7 +30,6 @@ pub(super) struct AutopilotParameters {
     trims: AttitudeTrims,
     /// Whether the client's read is one of the trims.
     is_reading_trim: bool,
-    trims_read_at: Timestamp,
     setup: AutopilotSetup,
     awaits_restart: bool,
     report_schedule: MessageSchedule,
@@ -113,13 +112,12 @@ impl AutopilotParameters {
     fn read_next_trim(&mut self, now: Timestamp) {
         if self.client.take_result().is_some() {
             self.trims.advance_reading();
-            self.trims_read_at = now;
             self.is_reading_trim = false;
         }
         if self.is_reading_trim || self.setup.is_running() {
             return;
         }
-        if now.us_since(self.trims_read_at) >= TRIM_PERIOD_US {
+        if now.us_since(self.client.last_request_at()) >= TRIM_PERIOD_US {
             self.trims.restart_reading();
         }
         if let Some(name) = self.trims.next_name() {

@@ -54,8 +54,6 @@ use transmitter::{OWN_COMPONENT, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const POSE_HZ: u8 = 50;
-/// Pending bytes above which no pose is sent: a pose is long, and on a slow line other messages keep their room.
-const MAX_PENDING_BEFORE_POSE_BYTES: usize = 64;
 const HEARTBEAT_HZ: u8 = 1;
 /// Rate of named values, heading and sigma in turn, Hz.
 const HEADING_OR_SIGMA_HZ: u8 = 10;
@@ -202,7 +200,7 @@ impl Mavlink {
     }
 
     fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
-        if line.transmit_buffer.pending_bytes().len() > MAX_PENDING_BEFORE_POSE_BYTES {
+        if !line.has_room_for_bulk() {
             return false;
         }
         let Some(pose) = current_pose(snapshot, self.collection_reporter.calibration_count()) else { return false };
@@ -256,7 +254,7 @@ impl Protocol for Mavlink {
             || self.send_heartbeat(snapshot, line)
             || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
             || self.autopilot_parameters.send_due_request(snapshot, is_disarmed, line)
-            || self.own_parameters.send_due_parameter(snapshot.settings, now, line)
+            || self.own_parameters.send_next_parameter(snapshot.settings, line)
             || self.collection_reporter.send_report_or_progress(snapshot, line)
             || self.send_progress_percent(snapshot, line)
             || self.pending_texts.send_next_chunk(now, line)

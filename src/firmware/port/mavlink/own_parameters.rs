@@ -4,15 +4,10 @@
 //! whether there is one; it is not written.
 
 use super::transmitter::Transmitter;
-use crate::port::message_schedule::MessageSchedule;
 use crate::wire::mavlink::{OutboundMessage, ParameterEncoding, ParameterRequest};
-use autoswing::time::Timestamp;
 use autoswing_module::compass::Command;
 use autoswing_module::messages::ParameterName;
 use autoswing_module::settings::{Setting, Settings};
-
-/// Rate of parameters, Hz: a list takes a second and leaves room for other messages on a slow line.
-const PARAMETER_HZ: u8 = 20;
 
 /// Parameters to send.
 #[derive(Debug, Default)]
@@ -21,7 +16,6 @@ pub(super) struct OwnParameters {
     next_of_list: Option<u8>,
     /// Position of a parameter that was requested alone.
     requested: Option<u8>,
-    schedule: MessageSchedule,
 }
 
 impl OwnParameters {
@@ -53,8 +47,8 @@ impl OwnParameters {
         }
     }
 
-    /// Sends the next due parameter; returns whether one was sent.
-    pub fn send_due_parameter(&mut self, settings: &Settings, now: Timestamp, line: &mut Transmitter<'_>) -> bool {
+    /// Sends the next parameter; returns whether one was sent.
+    pub fn send_next_parameter(&mut self, settings: &Settings, line: &mut Transmitter<'_>) -> bool {
         let Some(position) = self.requested.or(self.next_of_list) else { return false };
         let Some(setting) = Setting::nth_parameter(position) else {
             if self.requested.take().is_none() {
@@ -62,7 +56,7 @@ impl OwnParameters {
             }
             return false;
         };
-        if !self.schedule.is_due(now, PARAMETER_HZ) {
+        if !line.has_room_for_bulk() {
             return false;
         }
         let name = ParameterName::new(setting.parameter_name);

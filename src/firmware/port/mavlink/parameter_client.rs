@@ -58,6 +58,11 @@ impl ParameterClient {
         self.step == Step::Idle
     }
 
+    /// Time of the last request.
+    pub const fn last_request_at(&self) -> Timestamp {
+        self.requested_at
+    }
+
     /// Begins to read a parameter.
     pub fn begin_read(&mut self, name: ParameterName) {
         self.name = name;

@@ -31,6 +31,12 @@ impl<'a> Transmitter<'a> {
         Self { transmit_buffer: out, own_address: own_address(autopilot), sequence_number: sequence, signatures }
     }
 
+    /// Whether few bytes are pending, so that on a slow line other messages keep their room.
+    pub fn has_room_for_bulk(&self) -> bool {
+        const MAX_PENDING_BYTES: usize = 64;
+        self.transmit_buffer.pending_bytes().len() <= MAX_PENDING_BYTES
+    }
+
     /// Appends a message; returns whether there was room. Only appended messages take a sequence number, so that a gap
     /// means a loss on the line.
     pub fn send_message(&mut self, message: OutboundMessage) -> bool {
