@@ -9,7 +9,9 @@
 //! velocity' = tilt x f - R accelerometer_offset
 //! ```
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
+
+use crate::trig::sqrt;
 
 /// Number of errors.
 const ERROR_COUNT: usize = 14;
@@ -92,7 +94,8 @@ impl ErrorFilter {
         }
     }
 
-    /// `P <- (I + E) P (I + E)^T`, with `factor` as the block of `E` at rows `target` and columns `source`.
+    /// `P <- (I + E) P (I + E)^T`, with `factor` as the block of `E` at rows `target` and columns `source`. Rows and
+    /// columns change alike; only where they cross, both do.
     #[inline]
     fn propagate_block<const T: usize, const S: usize>(
         &mut self,
@@ -100,12 +103,14 @@ impl ErrorFilter {
         source: usize,
         factor: &SMatrix<f32, T, S>,
     ) {
-        let rows = factor * self.covariance.fixed_rows::<S>(source);
-        let mut target_rows = self.covariance.fixed_rows_mut::<T>(target);
-        target_rows += rows;
-        let columns = self.covariance.fixed_columns::<S>(source) * factor.transpose();
-        let mut target_columns = self.covariance.fixed_columns_mut::<T>(target);
-        target_columns += columns;
+        let change: SMatrix<f32, T, ERROR_COUNT> = factor * self.covariance.fixed_rows::<S>(source);
+        let at_crossing = change.fixed_columns::<S>(source) * factor.transpose();
+        let mut rows = self.covariance.fixed_rows_mut::<T>(target);
+        rows += change;
+        let mut columns = self.covariance.fixed_columns_mut::<T>(target);
+        columns += change.transpose();
+        let mut crossing = self.covariance.fixed_view_mut::<T, T>(target, target);
+        crossing += at_crossing;
     }
 
     /// Measures the velocity: measured less estimated, and the variance of each axis.
@@ -136,18 +141,14 @@ impl ErrorFilter {
 
     fn measure_state(&mut self, index: usize, residual: f32, variance: f32) {
         let column: ErrorVector = self.covariance.column(index).into_owned();
-        let innovation_variance = column[index] + variance;
-        let gain = column / innovation_variance;
-        self.mean += gain * (residual - self.mean[index]);
-        for j in 0..ERROR_COUNT {
-            for i in 0..=j {
-                let covariance = self.covariance[(i, j)] - gain[i] * column[j];
-                self.covariance[(i, j)] = covariance;
-                self.covariance[(j, i)] = covariance;
-            }
-        }
-        // The difference above cancels for an accurate measurement.
-        self.covariance[(index, index)] = gain[index] * variance;
+        let predicted_variance = column[index];
+        let innovation_variance = predicted_variance + variance;
+        self.mean.axpy((residual - self.mean[index]) / innovation_variance, &column, 1.0);
+        // Both factors of the product are the same, so that the covariance stays symmetric to the last bit.
+        let scaled = column / sqrt(innovation_variance);
+        self.covariance.ger(-1.0, &scaled, &scaled, 1.0);
+        // The difference cancels for an accurate measurement.
+        self.covariance[(index, index)] = predicted_variance * (variance / innovation_variance);
     }
 
     /// Returns the estimated errors, and sets them to zero.
@@ -164,7 +165,7 @@ impl ErrorFilter {
     }
 
     /// Covariance of the tilt about the navigation frame's horizontal axes, rad^2.
-    pub fn tilt_covariance(&self) -> nalgebra::Matrix2<f32> {
+    pub fn tilt_covariance(&self) -> Matrix2<f32> {
         self.covariance.fixed_view::<2, 2>(0, 0).into_owned()
     }
 

@@ -44,7 +44,7 @@ const MIN_START_FORCE_M_S2: f32 = 0.3 * GRAVITY_M_S2;
 const START_TILT_SIGMA_RAD: f32 = 0.3;
 
 /// Deviation of the velocity from its reference at the start, m/s: a hand's.
-const START_VELOCITY_SIGMA_M_S: f32 = 1.0;
+const START_VELOCITY_SIGMA_M_S: f32 = 0.5;
 
 /// Deviation of the velocity from its reference that only a wrong tilt explains, m/s: twice the speed of a fast boat.
 const MAX_VELOCITY_DEVIATION_M_S: f32 = 40.0;

@@ -13,8 +13,9 @@ const TYPICAL_ACCELERATION_M_S2: f32 = 1.0;
 /// Longest correlation time.
 const MAX_CORRELATION_S: f32 = 1.0;
 
-/// Time constant of their mean square, seconds.
-const MEAN_SQUARE_TIME_S: f32 = 3.0;
+/// Time constant with which the mean square decreases, seconds: longer than a vehicle's drive between two turns. It
+/// increases at once.
+const MEAN_SQUARE_TIME_S: f32 = 10.0;
 
 /// Least variance of a component, (m/s)^2: 2 cm/s, of which accelerometer noise alone leaves a tenth.
 const MIN_VARIANCE: f32 = 0.02 * 0.02;
@@ -39,7 +40,7 @@ impl VelocityNoise {
     pub fn measurement_variance(&mut self, deviation_m_s: &Vector3<f32>, is_at_rest: bool, step_s: f32) -> f32 {
         self.smoothed_m_s += (deviation_m_s - self.smoothed_m_s) * (step_s / MIN_CORRELATION_S).min(1.0);
         let square = self.smoothed_m_s.norm_squared() / 3.0;
-        let weight = if is_at_rest { 1.0 } else { (step_s / MEAN_SQUARE_TIME_S).min(1.0) };
+        let weight = if is_at_rest || square > self.mean_square { 1.0 } else { (step_s / MEAN_SQUARE_TIME_S).min(1.0) };
         self.mean_square += (square - self.mean_square) * weight;
         let variance = (VARIANCE_PER_MEAN_SQUARE * self.mean_square).max(MIN_VARIANCE);
         let correlation_s = (sqrt(variance) / TYPICAL_ACCELERATION_M_S2).clamp(MIN_CORRELATION_S, MAX_CORRELATION_S);

@@ -123,13 +123,9 @@ pub fn origin_section(report: &Report) -> String {
     html.concat()
 }
 
-/// The module's result, the comparison of calibrators, and the facts about each compass.
+/// Key figures, the comparison of calibrators, and the facts about each compass.
 pub fn figures_section(report: &Report) -> String {
     let mut html = vec![facts_list(&report.key_figures)];
-    if let Some(module_verdict) = &report.module_verdict {
-        let verdict = escape_html(module_verdict.trim_end_matches('.'));
-        html.push(format!("<p>An Autoswing module on this flight: {verdict}.</p>\n"));
-    }
     if !report.calibrators.calibrator_rows.is_empty() {
         html.push(comparison_table(report));
     }

@@ -12,6 +12,7 @@ pub mod fault_interfaces;
 pub mod flight_place;
 pub mod gauss_markov;
 pub mod gyro;
+pub mod inertial;
 pub mod mavlink_autopilot;
 mod mavlink_frame;
 pub mod msp_autopilot;

@@ -66,7 +66,7 @@ impl TriadErrors {
 }
 
 /// Errors of one chip with its noise.
-pub(super) struct MeasurementErrors {
+pub struct MeasurementErrors {
     gyro: TriadErrors,
     accelerometer: TriadErrors,
     g_sensitivity: Matrix3<f64>,
@@ -74,6 +74,8 @@ pub(super) struct MeasurementErrors {
 }
 
 impl MeasurementErrors {
+    /// A chip of this seed with `scale` times the errors of the data sheet.
+    #[must_use]
     pub fn new(seed: u64, scale: f64) -> Self {
         let mut random = RandomStream::new(seed, StreamPurpose::InertialSensor);
         let [rate, drift, rate_noise] = [ZERO_RATE_DEG_S, ZERO_RATE_DEG_S_PER_K, RATE_NOISE_DEG_S].map(f64::to_radians);

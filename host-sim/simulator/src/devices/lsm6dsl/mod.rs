@@ -16,7 +16,7 @@ use std::rc::Rc;
 use testkit::clock;
 
 use crate::devices::i2c::SimulatedI2cDevice;
-use measurement_errors::MeasurementErrors;
+pub use measurement_errors::MeasurementErrors;
 pub use motion::{InertialSource, InertialTruth};
 use registers::Lsm6dslRegisters;
 

@@ -1,4 +1,5 @@
 mod copter;
+mod inertial;
 mod plane;
 mod surfaces;
 mod vtol;
