@@ -8,7 +8,9 @@ use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
 use autoswing_module::settings::HeadingKind;
 use laboratory::studies::integrity::AttitudeProtocol::{Mavlink, Msp, MspInav};
-use laboratory::studies::integrity::{IntegrityPlan, IntegrityRow, fault_case, run_integrity_study};
+use laboratory::studies::integrity::{
+    IntegrityPlan, IntegrityRow, all_changes, fault_case, run_integrity_study, run_sweep,
+};
 use simulator::faults::Faults;
 use simulator::faults::attitude::{AttitudeFault, attitude_quantisation};
 use simulator::module::Module as _;
@@ -52,6 +54,20 @@ fn are_all_accepted(row: &IntegrityRow) -> bool {
 /// Notes of a code in all flights of a row.
 fn note_count(row: &IntegrityRow, code: &str) -> usize {
     row.note_counts.iter().filter(|(noted, _)| noted == code).map(|(_, count)| count).sum()
+}
+
+/// Hard iron of 2 to 20 uT that changes at once or within up to two minutes, from the first heading on or later, in any
+/// motion, at any inclination: 63 flights, a third of them without optimisation. Measured: bad 0.8 %, and 3.7 % when the
+/// known offset of the gyro began with the first turn.
+#[test]
+fn headings_are_honest_while_iron_changes_at_any_rate_and_instant() {
+    let step = 2 * 3 / share_of_flights(3) as usize;
+    let changes: Vec<_> = all_changes().into_iter().filter(|change| change.duration_s <= 120.0).step_by(step).collect();
+    let family = fault_case::find_family("sweep-iron").unwrap();
+    let sweep = run_sweep(IntegrityPlan { flights_per_case: 1, ..TEST_PLAN }, family, &changes, &|| {});
+    assert_eq!(sweep.cells.len(), changes.len());
+    assert!(sweep.total.bad_percent <= 1.5 && sweep.total.worst_10s_deg <= 8.0, "{:?}", sweep.total);
+    assert!(sweep.total.empty_percent <= 20.0, "{:?}", sweep.total);
 }
 
 /// By ArduPilot's MSP the rates are changes of a heading in steps of 1 deg, by INAV's gyro rates in steps of 1 deg/s.

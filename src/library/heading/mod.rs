@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::calibration::{Calibration, HeadingUncertainty};
 use crate::frames::{Body, Field, RollPitch, Sensor, wrap_two_pi};
 use crate::trig;
-use crate::trig::sqrt;
+use crate::trig::{DEG, sqrt, square};
 
 /// A magnetic heading with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +76,8 @@ pub enum NoHeading {
     AttitudeStale,
     /// The attitude source repeats a value.
     AttitudeFrozen,
+    /// The nose is so near the vertical that an error of the attitude turns the heading by more than the limit.
+    AttitudeVertical,
     /// No calibration for this sensor and mounting.
     Uncalibrated,
     /// The corrected field is not the Earth's: external iron, a current, or an outdated calibration.
@@ -100,6 +102,7 @@ impl NoHeading {
             Self::SensorSpike => "sensor-spike",
             Self::AttitudeStale => "attitude-stale",
             Self::AttitudeFrozen => "attitude-frozen",
+            Self::AttitudeVertical => "attitude-vertical",
             Self::Uncalibrated => "uncalibrated",
             Self::FieldDisturbed => "field-disturbed",
             Self::FieldChanged => "field-changed",
@@ -182,11 +185,31 @@ pub fn heading_from_corrected_field(
         return Err(NoHeading::FieldDisturbed);
     }
     let variance = uncertainty.heading_variance(calibration, field, &tilt, level);
-    Ok(Heading {
+    let heading = Heading {
         magnetic_rad: level.heading_rad(),
         sigma_rad: variance.sigma_rad(),
         systematic_variance_rad2: variance.coefficient_variance_rad2,
-    })
+    };
+    let steep_rad2 = steep_variance_rad2(uncertainty.attitude_sigma_rad, attitude);
+    // Not a number exactly at the vertical.
+    if steep_rad2 <= square(MAX_STEEP_SIGMA_RAD) {
+        Ok(heading.with_added_systematic_variance(steep_rad2))
+    } else {
+        Err(NoHeading::AttitudeVertical)
+    }
+}
+
+/// Cosine of the pitch above which an attitude is steep: 75 deg.
+const MIN_COS_OF_USUAL_PITCH: f32 = 0.259;
+
+/// Largest sigma that a steep attitude adds, radians: 8 deg, the limit of the monitor.
+const MAX_STEEP_SIGMA_RAD: f32 = 8.0 * DEG;
+
+/// Heading variance of a steep attitude, square radians. Near the vertical roll and heading turn about almost the same
+/// axis, so that an error of the attitude changes both by its size over the cosine of the pitch.
+fn steep_variance_rad2(attitude_sigma_rad: f32, attitude: RollPitch) -> f32 {
+    let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
+    if cos_pitch >= MIN_COS_OF_USUAL_PITCH { 0.0 } else { square(attitude_sigma_rad / cos_pitch) }
 }
 
 /// Whether the level field, relative to the calibrated strength, violates the limits; NaN and infinity do.

@@ -118,6 +118,25 @@ fn sigma_includes_attitude_and_sensor_noise() {
     }
 }
 
+/// An attitude error of 0.5 deg is 2.9 deg at a pitch of 80 deg, and 8 deg at 86.4. The field is horizontal, so that
+/// the tilt alone does not turn the heading.
+#[test]
+fn the_sigma_grows_near_the_vertical_until_the_heading_is_empty() {
+    let uncertainty = HeadingUncertainty { attitude_sigma_rad: 0.5 * DEG, ..HeadingUncertainty::NO_UNCERTAINTY };
+    let calibration = Calibration { inclination_rad: 0.0, ..ideal_calibration() };
+    for (pitch_deg, expected_deg) in
+        [(0.0, Some(0.0)), (74.0, Some(0.0)), (80.0, Some(2.88)), (-80.0, Some(2.88)), (86.0, Some(7.17)), (86.8, None)]
+    {
+        let attitude = RollPitch::from_deg(20.0, pitch_deg);
+        let field = measured_field(50.0, 0.0, 0.5, attitude);
+        let found = compute_heading(HeadingLimits::DEFAULT, &calibration, &uncertainty, field, attitude);
+        match expected_deg {
+            Some(deg) => assert!((found.unwrap().sigma_deg() - deg).abs() < 0.03, "{pitch_deg}: {found:?}"),
+            None => assert_eq!(found, Err(NoHeading::AttitudeVertical), "{pitch_deg}"),
+        }
+    }
+}
+
 #[test]
 fn a_rotated_heading_wraps_and_keeps_its_sigma() {
     let heading = Heading { magnetic_rad: 350_f32.to_radians(), sigma_rad: 0.01, systematic_variance_rad2: 5e-5 };
@@ -139,6 +158,7 @@ fn every_reason_for_an_empty_heading_has_a_code() {
         (NoHeading::SensorSpike, "sensor-spike"),
         (NoHeading::AttitudeStale, "attitude-stale"),
         (NoHeading::AttitudeFrozen, "attitude-frozen"),
+        (NoHeading::AttitudeVertical, "attitude-vertical"),
         (NoHeading::Uncalibrated, "uncalibrated"),
         (NoHeading::FieldDisturbed, "field-disturbed"),
         (NoHeading::FieldChanged, "field-changed"),

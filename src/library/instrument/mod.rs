@@ -359,9 +359,12 @@ impl Instrument {
         match heading {
             // Raw field while uncalibrated, but never after a calibrated field.
             Ok(_) | Err(NoHeading::Uncalibrated) => true,
-            Err(NoHeading::AttitudeStale | NoHeading::AttitudeFrozen | NoHeading::AttitudeContradicted) => {
-                !self.is_field_error_detected(at) && body.is_some_and(|body| self.has_calibrated_strength(body))
-            }
+            Err(
+                NoHeading::AttitudeStale
+                | NoHeading::AttitudeFrozen
+                | NoHeading::AttitudeVertical
+                | NoHeading::AttitudeContradicted,
+            ) => !self.is_field_error_detected(at) && body.is_some_and(|body| self.has_calibrated_strength(body)),
             Err(_) => false,
         }
     }

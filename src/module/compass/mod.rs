@@ -98,7 +98,7 @@ impl<'a> Compass<'a> {
                 Effect::None
             }
             Event::Date(day) => {
-                self.local_field.update_date(day);
+                self.local_field.update_date(day, self.calibrated_inclination_deg());
                 Effect::None
             }
             Event::Sample(sample) => self.on_sample(sample),

@@ -111,11 +111,15 @@ impl Compass<'_> {
 
     /// Armed state and calibrated inclination, against which reported positions are tested.
     pub(super) fn position_context(&self, now: WrappingMillis) -> PositionContext {
-        let record = self.active_record().filter(|record| record.quality.knows_inclination);
         PositionContext {
             is_disarmed: self.armed_state.reported_state() == Some(false) && !self.armed_state.is_in_flight(now),
-            calibrated_inclination_deg: record.map(|record| record.calibration.inclination_rad.to_degrees()),
+            calibrated_inclination_deg: self.calibrated_inclination_deg(),
         }
+    }
+
+    pub(super) fn calibrated_inclination_deg(&self) -> Option<f32> {
+        let record = self.active_record().filter(|record| record.quality.knows_inclination);
+        record.map(|record| record.calibration.inclination_rad.to_degrees())
     }
 
     /// Field strength of the field model, microtesla.

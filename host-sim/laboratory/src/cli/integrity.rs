@@ -65,8 +65,8 @@ pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFail
     }
     let plan = IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, attitude_protocol: source };
     let (families, names): (Vec<_>, Vec<_>) =
-        options.cases.iter().cloned().partition(|name| find_family(name).is_some());
-    for family in families.iter().filter_map(|name| find_family(name)).filter(|family| applies(family)) {
+        options.cases.iter().cloned().partition(|name| fault_case::find_family(name).is_some());
+    for family in families.iter().filter_map(|name| fault_case::find_family(name)).filter(|family| applies(family)) {
         fly_sweep(plan, family, options.json)?;
     }
     if names.is_empty() && !families.is_empty() {
@@ -88,13 +88,10 @@ pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFail
     Ok(ExitCode::SUCCESS)
 }
 
-fn find_family(name: &str) -> Option<&'static FaultCase> {
-    SWEEP_FAMILIES.iter().find(|family| family.case_name == name)
-}
-
 fn fly_sweep(plan: IntegrityPlan, family: &FaultCase, is_json: bool) -> Result<(), CommandFailure> {
-    let bar = progress_bar("flights", integrity::sweep_flight_count(plan));
-    let sweep = integrity::run_sweep(plan, family, &|| bar.inc(1));
+    let changes = integrity::all_changes();
+    let bar = progress_bar("flights", changes.len() as u64 * plan.flights_per_case);
+    let sweep = integrity::run_sweep(plan, family, &changes, &|| bar.inc(1));
     bar.finish_and_clear();
     if is_json {
         return print::print_json(&sweep);

@@ -127,7 +127,7 @@ mod tests {
             local_field.update_position(WrappingMillis::default(), place, PositionContext::default());
         }
         if let Some(days) = days {
-            local_field.update_date(Date::from_unix_s(days * 86_400).unwrap());
+            local_field.update_date(Date::from_unix_s(days * 86_400).unwrap(), None);
         }
         let mut out = String::new();
         write_field_model(&mut out, &local_field).unwrap();

@@ -209,15 +209,22 @@ const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
 /// Largest pitch, radians, with a margin for rounding.
 const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 
+/// Whether a MAV_TYPE is of a component and not of a vehicle: ground station, companion, gimbal, ADS-B, cameras and
+/// peripherals (common.xml). A component has no armed state.
+const fn is_component(mav_type: u8) -> bool {
+    matches!(mav_type, 6 | 18 | 26 | 27 | 30..=34 | 36..=42)
+}
+
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    const TYPE_OFFSET: usize = 4;
     const AUTOPILOT_OFFSET: usize = 5;
     const BASE_MODE_OFFSET: usize = 6;
     let fields = PayloadReader(payload);
     let autopilot = MavAutopilot(fields.read_u8(AUTOPILOT_OFFSET));
     let heartbeat = Heartbeat {
         sender: source,
-        is_autopilot: autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
+        is_autopilot: autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID && !is_component(fields.read_u8(TYPE_OFFSET)),
         is_armed: fields.read_u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
     };
     Some(InboundMessage::Heartbeat(heartbeat, autopilot))

@@ -78,21 +78,26 @@ impl LocalField {
             return;
         }
         let updated = Self { position: Some(position), ..*self }.with_model_field();
-        let contradicts = |field: EarthField| {
-            context
-                .calibrated_inclination_deg
-                .is_some_and(|deg| (field.inclination_deg - deg).abs() > MAX_INCLINATION_DEVIATION_DEG)
-        };
-        if !updated.field.is_some_and(contradicts) {
+        if !updated.contradicts(context.calibrated_inclination_deg) {
             *self = updated;
         }
     }
 
-    /// Updates the date.
-    pub fn update_date(&mut self, day: Date) {
-        if self.date != Some(day) {
-            *self = Self { date: Some(day), ..*self }.with_model_field();
+    /// Updates the date. The first one shows whether the position before it contradicts the inclination of the active
+    /// calibration; then it is dropped.
+    pub fn update_date(&mut self, day: Date, calibrated_inclination_deg: Option<f32>) {
+        if self.date == Some(day) {
+            return;
         }
+        let updated = Self { date: Some(day), ..*self }.with_model_field();
+        let is_dropped = self.field.is_none() && updated.contradicts(calibrated_inclination_deg);
+        *self = if is_dropped { Self { date: Some(day), ..Self::UNKNOWN } } else { updated };
+    }
+
+    fn contradicts(&self, calibrated_inclination_deg: Option<f32>) -> bool {
+        self.field.zip(calibrated_inclination_deg).is_some_and(|(field, calibrated_deg)| {
+            (field.inclination_deg - calibrated_deg).abs() > MAX_INCLINATION_DEVIATION_DEG
+        })
     }
 
     /// Model field; `None` without a position and a date within the model's validity.

@@ -10,7 +10,7 @@ fn position_at(latitude_deg: f32, longitude_deg: f32) -> Position {
 /// State after reports of these positions, hours after the first, on a day of the model.
 fn local_field_at(positions: &[(u32, Position)], context: PositionContext) -> LocalField {
     let mut local_field = LocalField::UNKNOWN;
-    local_field.update_date(day(20_779));
+    local_field.update_date(day(20_779), None);
     for &(hours, position) in positions {
         local_field.update_position(TEST_TIME.plus_ms(hours * 3_600_000), position, context);
     }
@@ -31,11 +31,11 @@ fn position_and_date_give_a_field() {
         (local_field.model_position(), local_field.date(), local_field.model_field(), local_field.validity()),
         (Some(position), None, None, None)
     );
-    local_field.update_date(day);
+    local_field.update_date(day, None);
     assert_eq!(local_field.model_field(), EarthField::from_model(position, day).as_ref());
     assert!(local_field.model_field().is_some());
     let mut other = LocalField::UNKNOWN;
-    other.update_date(day);
+    other.update_date(day, None);
     assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
     other.update_position(TEST_TIME, position, PositionContext::default());
     assert_eq!(other, local_field);
@@ -48,7 +48,7 @@ fn the_field_follows_the_date() {
     let mut local_field = LocalField::UNKNOWN;
     local_field.update_position(TEST_TIME, position, PositionContext::default());
     for days in [20_000, 20_779, 20_780, 21_000] {
-        local_field.update_date(day(days));
+        local_field.update_date(day(days), None);
         assert_eq!(
             (local_field.date(), local_field.model_field()),
             (Some(day(days)), EarthField::from_model(position, day(days)).as_ref())
@@ -155,4 +155,21 @@ fn the_distance_limit_costs_under_a_quarter_sigma_of_declination() {
         }
     }
     assert!(worst < 0.25, "{worst}");
+}
+
+/// Greenland has an inclination of some 80 deg. A position that was dropped does not limit the next one.
+#[test]
+fn the_first_date_tests_the_position_before_it() {
+    for (calibrated_deg, is_kept) in [(None, true), (Some(82.0), true), (Some(30.0), false)] {
+        let greenland = position_at(72.0, -40.0);
+        let mut local_field = LocalField::UNKNOWN;
+        let context = PositionContext { calibrated_inclination_deg: calibrated_deg, ..PositionContext::default() };
+        local_field.update_position(TEST_TIME, greenland, context);
+        local_field.update_date(day(20_779), calibrated_deg);
+        assert_eq!(local_field.model_position().is_some(), is_kept, "{calibrated_deg:?}");
+        assert_eq!(local_field.model_field().is_some(), is_kept, "{calibrated_deg:?}");
+        let home = position_at(10.0, 20.0);
+        local_field.update_position(TEST_TIME, home, PositionContext::default());
+        assert_eq!(local_field.model_position() == Some(home), !is_kept, "{calibrated_deg:?}");
+    }
 }

@@ -17,7 +17,7 @@ use serde::Serialize;
 pub use fault_case::{ALL_CASES, FaultCase, SWEEP_FAMILIES};
 pub use integrity_plan::{AttitudeProtocol, IntegrityPlan};
 pub use statistics::HeadingStatistics;
-pub use sweep::{BEGINS_S, DURATIONS_S, Sweep, SweepCell, run_sweep, sweep_flight_count};
+pub use sweep::{BEGINS_S, DURATIONS_S, Sweep, SweepCell, all_changes, run_sweep};
 
 use flight::{AcceptedCalibration, CaseFlightResult, HardIronEstimateError};
 

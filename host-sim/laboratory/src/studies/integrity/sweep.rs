@@ -48,41 +48,32 @@ pub struct Sweep {
     pub cells: Vec<SweepCell>,
 }
 
-/// Flies a family in parallel, with `flights_per_case` flights of each cell and start; calls `on_flight_done` after
-/// each.
-pub fn run_sweep(plan: IntegrityPlan, family: &FaultCase, on_flight_done: &(dyn Fn() + Sync)) -> Sweep {
-    let changes = all_changes();
-    let results: Vec<Vec<CaseFlightResult>> = (0_u64..)
-        .zip(&changes)
-        .flat_map(|(cell, change)| {
-            (0..plan.flights_per_case).map(move |flight| (cell * plan.flights_per_case + flight, *change))
-        })
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .map(|(flight_index, change)| {
-            let seed = plan.seed.wrapping_add(flight_index);
-            let drawn = family.draw_change(change, seed, plan.aircraft, plan.attitude_protocol);
-            let result = fly_drawn_case(family, drawn, seed, &plan);
-            on_flight_done();
-            result
-        })
-        .collect::<Vec<_>>()
-        .chunks(usize::try_from(plan.flights_per_case).unwrap_or(usize::MAX).max(1))
-        .map(<[CaseFlightResult]>::to_vec)
-        .collect();
+/// Flies a family in parallel, with `flights_per_case` flights of each change; calls `on_flight_done` after each.
+pub fn run_sweep(
+    plan: IntegrityPlan,
+    family: &FaultCase,
+    changes: &[Change],
+    on_flight_done: &(dyn Fn() + Sync),
+) -> Sweep {
+    let flights: Vec<Change> = changes.iter().flat_map(|change| (0..plan.flights_per_case).map(|_| *change)).collect();
+    let fly = |(index, change): (usize, Change)| {
+        let seed = plan.seed.wrapping_add(index as u64);
+        let drawn = family.draw_change(change, seed, plan.aircraft, plan.attitude_protocol);
+        let result = fly_drawn_case(family, drawn, seed, &plan);
+        on_flight_done();
+        result
+    };
+    let results: Vec<CaseFlightResult> = flights.into_par_iter().enumerate().map(fly).collect();
+    let results_of_cells = results.chunks((results.len() / changes.len().max(1)).max(1));
     Sweep {
-        total: integrity_row(family.case_name, &results.iter().flatten().collect::<Vec<_>>()),
-        cells: changes.iter().zip(&results).map(|(change, results)| sweep_cell(*change, results)).collect(),
+        total: integrity_row(family.case_name, &results.iter().collect::<Vec<_>>()),
+        cells: changes.iter().zip(results_of_cells).map(|(change, results)| sweep_cell(*change, results)).collect(),
     }
 }
 
-/// Number of flights of a family.
+/// All durations and begins, after the calibration and after a power-on.
 #[must_use]
-pub fn sweep_flight_count(plan: IntegrityPlan) -> u64 {
-    all_changes().len() as u64 * plan.flights_per_case
-}
-
-fn all_changes() -> Vec<Change> {
+pub fn all_changes() -> Vec<Change> {
     let changes_of = |follows_power_on| {
         let of_begin = move |begin_s| {
             DURATIONS_S.into_iter().map(move |duration_s| Change { begin_s, duration_s, follows_power_on })

@@ -51,8 +51,8 @@ fn attitude_frames(angles_and_rates: [f32; 6]) -> [Vec<u8>; 2] {
 }
 
 /// HEARTBEAT in both versions: custom mode, kind of vehicle, kind of autopilot, base mode, state, MAVLink's version.
-fn heartbeat_frames(autopilot: u8, base_mode: u8) -> [Vec<u8>; 2] {
-    let payload = [0x78, 0x56, 0x34, 0x12, 255, autopilot, base_mode, 4, 3];
+fn heartbeat_frames(mav_type: u8, autopilot: u8, base_mode: u8) -> [Vec<u8>; 2] {
+    let payload = [0x78, 0x56, 0x34, 0x12, mav_type, autopilot, base_mode, 4, 3];
     [v1_frame(0, 50, &payload), v2_frame(0, 50, &payload)]
 }
 
@@ -129,15 +129,19 @@ fn roll_beyond_180_and_pitch_beyond_90_deg_are_rejected() {
     }
 }
 
-/// Every kind but 8 is an autopilot, kinds unknown to this dialect included. Of the base mode only bit 128 counts.
+/// Every kind but 8 is an autopilot, kinds unknown to this dialect included, unless the type is of a component. Of the
+/// base mode only bit 128 counts.
 #[test]
 fn a_heartbeat_contains_autopilot_kind_and_armed_state() {
-    for (autopilot, is_autopilot) in [(0, true), (3, true), (7, true), (8, false), (9, true), (255, true)] {
+    let of_autopilots =
+        [(0, true), (3, true), (7, true), (8, false), (9, true), (255, true)].map(|(a, is)| (255, a, is));
+    let of_types = [(0, true), (2, true), (6, false), (18, false), (25, true), (26, false), (27, false), (35, true)];
+    for (mav_type, autopilot, is_autopilot) in of_autopilots.into_iter().chain(of_types.map(|(t, is)| (t, 3, is))) {
         for (base_mode, is_armed) in [(0, false), (0x7F, false), (0x80, true), (0xFF, true)] {
             let heartbeat = Heartbeat { sender: SENDER, is_autopilot, is_armed };
             let expected = InboundMessage::Heartbeat(heartbeat, MavAutopilot(autopilot));
-            for frame in heartbeat_frames(autopilot, base_mode) {
-                assert_eq!(decoded_messages(&frame), (vec![expected], 0), "{autopilot} {base_mode}");
+            for frame in heartbeat_frames(mav_type, autopilot, base_mode) {
+                assert_eq!(decoded_messages(&frame), (vec![expected], 0), "{mav_type} {autopilot} {base_mode}");
             }
         }
     }
@@ -231,7 +235,7 @@ fn with_flipped_bit(frame: &[u8], bit: usize) -> Vec<u8> {
 /// Magic bytes, text, parts of frames and changed frames. Zeros end a pending false frame.
 #[test]
 fn garbage_is_never_accepted_and_costs_no_other_frame() {
-    let frames = [attitude_frames(ANGLES_AND_RATES), heartbeat_frames(3, 0x80)].concat();
+    let frames = [attitude_frames(ANGLES_AND_RATES), heartbeat_frames(1, 3, 0x80)].concat();
     let mut garbage = vec![vec![0xFD], vec![0xFE], vec![0xFD, 0xFE], vec![0xFE; 7], vec![0xFD; 11]];
     garbage.push(b"$GPHDT,123.4,T*31\r\n".to_vec());
     for frame in &frames {

@@ -14,6 +14,12 @@ pub fn find_by_name(name: &str) -> Option<&'static FaultCase> {
     ALL_CASES.iter().find(|case| case.case_name == name)
 }
 
+/// The family with this name, if any.
+#[must_use]
+pub fn find_family(name: &str) -> Option<&'static FaultCase> {
+    SWEEP_FAMILIES.iter().find(|family| family.case_name == name)
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
