@@ -42,7 +42,10 @@ pub fn score_trial(rows: &[TrialRow]) -> Option<TrialScore> {
             field_index += 1;
         }
         let Some(field_row) = rows.get(field_index) else { break };
-        let Some(heading_rad) = compass.process_row(at, field_row.field, &attitude) else { continue };
+        if !compass.is_reading_due(at) {
+            continue;
+        }
+        let heading_rad = compass.process_reading(at, field_row.field, &attitude);
         if let Some(truth) = row.truth.filter(|_| row.is_scored) {
             let roll_pitch = attitude.attitude;
             let [roll, pitch, yaw] = [roll_pitch.roll_rad, roll_pitch.pitch_rad, heading_rad.unwrap_or(0.0)];
@@ -75,13 +78,14 @@ impl TrialCompass {
         }
     }
 
-    /// Heading of a row, or the absence of one; `None` for a row without a reading.
-    fn process_row(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) -> Option<Option<f32>> {
+    fn is_reading_due(&self, at: Timestamp) -> bool {
+        at >= self.next_reading_at
+    }
+
+    /// Heading of a reading with the attitude of its instant, if the instrument sends one.
+    fn process_reading(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) -> Option<f32> {
         if !self.is_calibrated {
             self.calibrate_at_rest(at, field, attitude);
-        }
-        if at < self.next_reading_at {
-            return None;
         }
         self.next_reading_at = at.plus_us((READING_PERIOD_S * 1e6) as u64);
         let report = AttitudeReport {
@@ -96,20 +100,20 @@ impl TrialCompass {
         let estimate = self.instrument.on_reading(at, reading);
         while self.instrument.next_sample().is_some() {}
         self.instrument.update_monitor();
-        Some(estimate.smoothed_heading.or(estimate.heading.ok()).map(|heading| heading.magnetic_rad))
+        estimate.smoothed_heading.or(estimate.heading.ok()).map(|heading| heading.magnetic_rad)
     }
 
     /// Sets the identity as calibration, with inclination and strength of the field at rest.
     fn calibrate_at_rest(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) {
         let level = attitude.attitude.to_level_frame(Field::new(field.ut));
-        self.field_at_rest += Vector3::new(level.ut.x.hypot(level.ut.y), level.ut.z, 1.0);
+        self.field_at_rest += Vector3::new(libm::hypotf(level.ut.x, level.ut.y), level.ut.z, 1.0);
         if at.as_us() as f64 * 1e-6 < REST_S {
             return;
         }
         let [horizontal_ut, down_ut] = [0, 1].map(|axis| self.field_at_rest[axis] / self.field_at_rest.z);
         let calibration = Calibration {
             inclination_rad: libm::atan2f(down_ut, horizontal_ut),
-            total_ut: horizontal_ut.hypot(down_ut),
+            total_ut: libm::hypotf(horizontal_ut, down_ut),
             ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION)
         };
         self.instrument.set_correction(Correction {

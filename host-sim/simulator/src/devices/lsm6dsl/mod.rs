@@ -120,7 +120,9 @@ impl SimulatedI2cDevice for SimulatedLsm6dsl {
         self.take_due_sample();
         if let Some((&pointer, data)) = bytes.split_first() {
             self.registers.set_pointer(pointer);
-            data.iter().for_each(|&byte| self.registers.write_register(byte));
+            for &byte in data {
+                self.registers.write_register(byte);
+            }
         }
         self.take_due_sample();
     }

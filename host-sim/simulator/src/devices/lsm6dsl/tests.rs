@@ -137,7 +137,7 @@ fn the_attitude_filter_knows_the_errors_of_the_chip() {
                 filter.update(Timestamp::from_us(Instant::now().as_micros()), &reading.sample, None);
             }
             let attitude = filter.attitude().unwrap();
-            let tilt_rad = attitude.attitude.roll_rad.hypot(attitude.attitude.pitch_rad);
+            let tilt_rad = libm::hypotf(attitude.attitude.roll_rad, attitude.attitude.pitch_rad);
             let sigma_rad = attitude.tilt_sigma_rad();
             assert!(tilt_rad < 4.0 * sigma_rad && sigma_rad < 0.15, "{tilt_rad} {sigma_rad}");
             assert!(attitude.rates_rad_s.norm().to_degrees() < 0.3, "{}", attitude.rates_rad_s.norm().to_degrees());
