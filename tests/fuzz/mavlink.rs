@@ -1,6 +1,6 @@
 //! Fuzz test of the MAVLink receiver.
 
-use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver};
+use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver, ParameterRequest};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -175,6 +175,13 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
                     u32::from_le_bytes([self.payload[0], self.payload[1], self.payload[2], self.payload[3]]);
                 (id, sender, value_bits) == (22, source.packed_number(), parameter.value_bits)
             }
+            InboundMessage::ParameterRequest(_, request) => match request {
+                ParameterRequest::Read { index, .. } => {
+                    (id, i16::from_le_bytes([self.payload[0], self.payload[1]])) == (20, *index)
+                }
+                ParameterRequest::List => id == 21,
+                ParameterRequest::Write(_) => id == 23,
+            },
         }
     }
 }
