@@ -8,7 +8,7 @@ use crate::stream::{self, NoiseAndGoodFrames, Piece};
 use crate::{PropertyResult, check_property};
 
 /// ID, CRC seed and longest payload of the decoded messages, from the protocol definition (common.xml).
-const MESSAGE_SPECS: [(u8, u8, usize); 9] = [
+const MESSAGE_SPECS: [(u8, u8, usize); 13] = [
     (30, 39, 28),
     (1, 124, 43),
     (0, 50, 9),
@@ -18,6 +18,10 @@ const MESSAGE_SPECS: [(u8, u8, usize); 9] = [
     (76, 152, 33),
     (75, 158, 35),
     (77, 143, 10),
+    (22, 220, 25),
+    (20, 214, 20),
+    (21, 159, 2),
+    (23, 168, 23),
 ];
 
 /// Longest frame: version 2, signed, with the longest payload.
@@ -61,7 +65,7 @@ fn frame_with_crc(
 /// Frame of any message, mostly decoded ones, from one of a few senders.
 pub fn any_frame() -> impl Strategy<Value = Vec<u8>> {
     let message =
-        prop_oneof![9 => proptest::sample::select(&MESSAGE_SPECS[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
+        prop_oneof![13 => proptest::sample::select(&MESSAGE_SPECS[..]), 1 => (any::<u8>(), any::<u8>(), 0..40_usize)];
     let length_error = prop_oneof![6 => Just(0_i8), 1 => any::<i8>()];
     let sender = proptest::sample::select(&[[1, 1], [1, 1], [2, 1], [1, 158], [255, 190]][..]);
     (message, any::<[bool; 4]>(), sender, length_error, vec(any::<u8>(), 55)).prop_map(
@@ -147,9 +151,10 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
                 let can_be = roll_rad.abs() < 3.15 && pitch_rad.abs() < 1.58;
                 can_be && self.has_angles(roll_rad, pitch_rad) && sender == report.sender.packed_number()
             }
-            InboundMessage::Heartbeat(heartbeat, _) => {
+            InboundMessage::Heartbeat(heartbeat, firmware) => {
                 let is_armed = self.payload[6] & 128 != 0;
-                (id, sender, is_armed) == (0, heartbeat.sender.packed_number(), heartbeat.is_armed)
+                (id, sender, is_armed, self.payload[5])
+                    == (0, heartbeat.sender.packed_number(), heartbeat.is_armed, firmware.0)
             }
             InboundMessage::Position(source, _) => (id, sender) == (33, source.packed_number()),
             InboundMessage::Current(source, current) => {
@@ -171,17 +176,16 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
                 (id, sender, self.payload[2]) == (77, ack.sender_id.packed_number(), ack.result)
             }
             InboundMessage::Parameter(source, parameter) => {
-                let value_bits =
-                    u32::from_le_bytes([self.payload[0], self.payload[1], self.payload[2], self.payload[3]]);
-                (id, sender, value_bits) == (22, source.packed_number(), parameter.value_bits)
+                (id, sender, self.u32(0)) == (22, source.packed_number(), parameter.value_bits)
             }
-            InboundMessage::ParameterRequest(_, request) => match request {
-                ParameterRequest::Read { index, .. } => {
-                    (id, i16::from_le_bytes([self.payload[0], self.payload[1]])) == (20, *index)
-                }
-                ParameterRequest::List => id == 21,
-                ParameterRequest::Write(_) => id == 23,
-            },
+            InboundMessage::ParameterRequest(target, request) => {
+                let (request_id, target_offset) = match request {
+                    ParameterRequest::Read { .. } => (20, 2),
+                    ParameterRequest::List => (21, 0),
+                    ParameterRequest::Write(_) => (23, 4),
+                };
+                (id, self.payload[target_offset]) == (request_id, target.system_id)
+            }
         }
     }
 }

@@ -8,6 +8,8 @@
 //! A quadplane's attitude in VTOL modes has Q_TRIM_PITCH in place of PTCH_TRIM_DEG. The mode is not known here, so that
 //! its pitch trims are reported instead of being used.
 
+use core::f32::consts::FRAC_PI_2;
+
 use autoswing::frames::{RollPitch, wrap_pi};
 use autoswing_module::messages::ParameterName;
 
@@ -27,6 +29,9 @@ const PARAMETER_COUNT: usize = 7;
 
 /// Bit of FLIGHT_OPTIONS: pitch is sent without PTCH_TRIM_DEG.
 const UNTRIMMED_PITCH_OPTION: u32 = 1 << 8;
+
+/// Largest trim, radians: the range of PTCH_TRIM_DEG, 45 deg, and of AHRS_TRIM_Y, 10 deg.
+const MAX_TRIM_RAD: f32 = 0.96;
 
 /// Trims of the autopilot's attitude.
 #[derive(Debug, Default)]
@@ -66,14 +71,18 @@ impl AttitudeTrims {
     /// Attitude in the frame of the autopilot's filter, from the attitude that it sent.
     pub fn untrimmed_attitude(&self, sent: RollPitch) -> RollPitch {
         let [roll_trim_rad, pitch_trim_rad] = self.trims_rad();
-        RollPitch { roll_rad: wrap_pi(sent.roll_rad + roll_trim_rad), pitch_rad: sent.pitch_rad + pitch_trim_rad }
+        RollPitch {
+            roll_rad: wrap_pi(sent.roll_rad + roll_trim_rad),
+            pitch_rad: (sent.pitch_rad + pitch_trim_rad).clamp(-FRAC_PI_2, FRAC_PI_2),
+        }
     }
 
-    /// Roll and pitch that the autopilot subtracts, radians.
+    /// Roll and pitch that the autopilot subtracts, radians; zero where an impossible number was received.
     pub fn trims_rad(&self) -> [f32; 2] {
         let [roll_trim_rad, pitch_trim_rad, ..] = self.numbers;
         let plane_trim_rad = if self.is_ambiguous() { 0.0 } else { self.plane_pitch_trim_rad() };
         [roll_trim_rad, pitch_trim_rad + plane_trim_rad]
+            .map(|trim_rad| if trim_rad.abs() <= MAX_TRIM_RAD { trim_rad } else { 0.0 })
     }
 
     /// Whether the trims have become ambiguous since the last call.
