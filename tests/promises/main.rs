@@ -5,6 +5,7 @@
 mod accuracy;
 mod architecture;
 mod automatic;
+mod autopilot_filter;
 mod autopilot_view;
 mod calibration_record;
 mod can;

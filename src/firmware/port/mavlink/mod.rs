@@ -43,7 +43,7 @@ use autoswing::heading::{Heading, NoHeading};
 use autoswing::time::Timestamp;
 use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
 use autoswing_module::messages::{Message as Notice, Refusal};
-use autoswing_module::settings::SigningKey;
+use autoswing_module::settings::{HeadingKind, SigningKey};
 use collection::CollectionReporter;
 use commands::CommandHandler;
 use own_parameters::OwnParameters;
@@ -72,6 +72,8 @@ pub struct Mavlink {
     pending_texts: PendingTexts,
     collection_reporter: CollectionReporter,
     pose_schedule: MessageSchedule,
+    /// Count of the calibration for which a smoothed heading has been available.
+    smoothed_calibration: Option<u8>,
     heartbeat_schedule: MessageSchedule,
     heading_schedule: MessageSchedule,
     /// Whether the next named value is the heading's sigma.
@@ -203,7 +205,12 @@ impl Mavlink {
         if !line.has_room_for_bulk() {
             return false;
         }
-        let Some(pose) = current_pose(snapshot, self.collection_reporter.calibration_count()) else { return false };
+        let calibration_count = self.collection_reporter.calibration_count();
+        if snapshot.estimate.smoothed_heading.is_some() {
+            self.smoothed_calibration = Some(calibration_count);
+        }
+        let is_smoothed = self.smoothed_calibration == Some(calibration_count);
+        let Some(pose) = current_pose(snapshot, is_smoothed, calibration_count) else { return false };
         self.pose_schedule.is_due(snapshot.now, POSE_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 
@@ -287,14 +294,20 @@ const fn progress_percent(indicator_state: IndicatorState) -> u8 {
     }
 }
 
-/// Pose, if enabled, the declination known and the heading valid: the raw heading, because the autopilot filters it,
-/// with roll and pitch of the same instant.
-fn current_pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
+/// Pose, if enabled, the declination known and the heading valid, with roll and pitch of the same instant. The heading is
+/// the selected one. Once there is a smoothed one, no raw heading takes its place: it is missing where the raw one
+/// disagrees with the body rates, and ArduPilot's filter follows a ramp of iron within seconds.
+fn current_pose(snapshot: &Snapshot<'_>, is_smoothed: bool, reset_counter: u8) -> Option<Pose> {
     let Snapshot { estimate, settings, .. } = *snapshot;
     if !settings.sends_vision_yaw {
         return None;
     }
-    let (declination_deg, heading, attitude) = (settings.declination_deg?, estimate.heading.ok()?, estimate.attitude?);
+    let raw = estimate.heading.ok()?;
+    let heading = match settings.stream_heading {
+        HeadingKind::Smooth if is_smoothed => estimate.smoothed_heading?,
+        _ => raw,
+    };
+    let (declination_deg, attitude) = (settings.declination_deg?, estimate.attitude?);
     let yaw_rad = wrap_pi(heading.magnetic_rad + declination_deg.to_radians());
     Some(Pose {
         timestamp: estimate.timestamp,

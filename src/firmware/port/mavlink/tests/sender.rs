@@ -167,15 +167,15 @@ fn bench_with_heading() -> MavlinkBench {
     bench.settings.sends_vision_yaw = true;
     bench.settings.declination_deg = Some(-20.0);
     bench.estimate.timestamp = Timestamp::from_us(3_599_990_000);
-    bench.estimate.heading = Ok(heading(10.0, 2.0));
-    bench.estimate.smoothed_heading = Some(heading(99.0, 9.0));
+    bench.estimate.heading = Ok(heading(99.0, 9.0));
+    bench.estimate.smoothed_heading = Some(heading(10.0, 2.0));
     bench.estimate.attitude = Some(RollPitch { roll_rad: 0.3, pitch_rad: -0.1 });
     bench
 }
 
 /// True heading: 10 deg magnetic, variation 20 deg west. 50 Hz from estimates at 100 Hz.
 #[test]
-fn a_pose_contains_the_raw_true_heading_and_attitude() {
+fn a_pose_contains_the_smoothed_true_heading_and_attitude() {
     let mut bench = bench_with_heading();
     bench.run_ms(1_000);
     let poses = bench.take_messages(102);
@@ -193,9 +193,23 @@ fn a_pose_contains_the_raw_true_heading_and_attitude() {
         assert!((angle_error_deg - 2.0).abs() < 1e-4, "{angle_error_deg}");
         assert_eq!(pose.payload[116], 0);
     }
-    bench.estimate.heading = Ok(heading(350.0, 2.0));
-    bench.run_ms(100);
-    assert!((bench.take_messages(102)[0].float_at(28).to_degrees() + 30.0).abs() < 1e-3);
+}
+
+/// Raw until the first smoothed heading, or if it is selected; where the smoothed one is missing later, none.
+#[test]
+fn a_raw_heading_does_not_take_the_place_of_a_smoothed_one() {
+    let mut bench = bench_with_heading();
+    let sent_deg = |bench: &mut MavlinkBench, smoothed: Option<f32>| {
+        bench.estimate.smoothed_heading = smoothed.map(|deg| heading(deg, 2.0));
+        bench.run_ms(1_000);
+        bench.take_messages(102).last().map(|pose| pose.float_at(28).to_degrees().round())
+    };
+    assert_eq!(
+        [None, Some(10.0), None].map(|smoothed| sent_deg(&mut bench, smoothed)),
+        [Some(79.0), Some(-10.0), None]
+    );
+    bench.settings.stream_heading = HeadingKind::Raw;
+    assert_eq!(sent_deg(&mut bench, Some(10.0)), Some(79.0));
 }
 
 #[test]
