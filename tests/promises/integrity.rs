@@ -57,7 +57,7 @@ fn note_count(row: &IntegrityRow, code: &str) -> usize {
 }
 
 /// Hard iron of 2 to 20 uT that changes at once or within up to two minutes, from the first heading on or later, in any
-/// motion, at any inclination: 63 flights, a third of them without optimisation. Measured: bad 0.8 %, and 3.7 % when the
+/// motion, at any inclination: 63 flights, a third of them without optimisation. Measured: bad 0.7 %, and 3.7 % when the
 /// known offset of the gyro began with the first turn.
 #[test]
 fn headings_are_honest_while_iron_changes_at_any_rate_and_instant() {

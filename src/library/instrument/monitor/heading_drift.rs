@@ -12,8 +12,8 @@ use crate::trig::square;
 /// Time constant of the mean heading rate, seconds: gusts are shorter, turns are longer.
 const MEAN_RATE_TIME_CONSTANT_S: f32 = 3.0;
 
-/// Mean heading rate of a turn, rad/s: 2.3 deg/s.
-const MIN_TURN_RATE_RAD_S: f32 = 0.04;
+/// Mean heading rate of a turn, rad/s: 4.6 deg/s. In a slower one the offset is observable too late.
+const MIN_TURN_RATE_RAD_S: f32 = 0.08;
 
 /// Change of the offset, in sigmas of the known one, that is as probable with hard iron as without. With 2, twice as
 /// many headings are bad after hard iron has changed by 5 uT within 4 to 60 s.
@@ -130,7 +130,7 @@ mod tests {
         update_for_seconds(&mut drift, 0.0, 0.2, 30);
         update_for_seconds(&mut drift, 0.0, 0.0, 20);
         for gust in 0..60_u8 {
-            update_for_seconds(&mut drift, 0.01, if gust.is_multiple_of(2) { 0.12 } else { -0.12 }, 1);
+            update_for_seconds(&mut drift, 0.01, if gust.is_multiple_of(2) { 0.2 } else { -0.2 }, 1);
         }
         assert!((drift.drift_rad - 0.6).abs() < 0.03, "{drift:?}");
         update_for_seconds(&mut drift, 0.01, 0.2, 15);

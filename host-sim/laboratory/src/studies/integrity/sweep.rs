@@ -6,8 +6,8 @@ use serde::Serialize;
 use super::fault_case::{Change, FaultCase};
 use super::flight::{CaseFlightResult, fly_drawn_case};
 use super::integrity_plan::IntegrityPlan;
+use super::integrity_row::{IntegrityRow, integrity_row};
 use super::statistics::HeadingStatistics;
-use super::{IntegrityRow, integrity_row};
 
 /// Durations of a change, seconds.
 pub const DURATIONS_S: [f64; 11] = [0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0];
