@@ -22,6 +22,8 @@ pub enum AutopilotReport {
     Parameter(ParameterReport),
     /// Trims of roll and pitch, degrees, that the autopilot subtracts from its attitude, and the module adds again.
     Trims([f32; 2]),
+    /// Magnetic heading now, degrees, of a calibrated module.
+    Heading(f32),
     /// End of a check or a setup: numbers of parameters.
     Summary(ParameterCounts),
 }

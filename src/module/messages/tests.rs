@@ -222,7 +222,7 @@ fn messages() -> Vec<(Message, Severity, &'static str, &'static str)> {
 }
 
 fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
-    use AutopilotReport::{Compass, NoAutopilot, NoCompass, NoReply, Parameter, Summary, Trims};
+    use AutopilotReport::{Compass, Heading, NoAutopilot, NoCompass, NoReply, Parameter, Summary, Trims};
     use ParameterState::{Changed, Missing, NotChanged, Wrong};
     let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
     let parameter = |state| {
@@ -263,6 +263,7 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         (compass(97_547, Some(2)), Severity::Info, "compass: slot 3, ", "DroneCAN bus 1 node 125 (id 97547)"),
         (compass(5, Some(2)), Severity::Info, "compass: slot 3, ", "MSP (id 5)"),
         (Trims([0.0, 3.0]), Severity::Info, "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0", "; removed"),
+        (Heading(123.44), Severity::Info, "heading: 123.4 deg magnetic now", "known one before the autopilot uses it"),
         (AutopilotReport::Armed, Severity::Warning, "armed: the autopilot is armed", "wait for 5 s"),
         (
             parameter(Wrong),
