@@ -233,7 +233,9 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         };
         Parameter(ParameterReport { wanted: &WANTED, slot: 2, priority: 1, number: -0.25, state })
     };
-    let counts = |wrong, changed| Summary(ParameterCounts { right: 18, wrong, changed, needs_restart: changed > 1 });
+    let counts = |wrong, changed| {
+        Summary(ParameterCounts { right: 18, wrong, changed, missing: wrong / 2, needs_restart: changed > 1 })
+    };
     [
         (
             NoAutopilot,
@@ -285,9 +287,14 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
             "calibrated",
         ),
         (counts(0, 0), Severity::Info, "autopilot: parameters of the autopilot: 18 right", "0 wrong, 0 changed"),
-        (counts(2, 0), Severity::Info, "autopilot: ", "2 wrong, 0 changed; to write them: autopilot setup yes"),
+        (
+            counts(2, 0),
+            Severity::Info,
+            "autopilot: ",
+            "2 wrong, 0 changed, 1 missing; to write them: autopilot setup yes",
+        ),
         (counts(0, 1), Severity::Info, "autopilot: ", "0 wrong, 1 changed"),
-        (counts(2, 2), Severity::Info, "autopilot: ", "2 wrong, 2 changed; restart it: autopilot restart"),
+        (counts(2, 2), Severity::Info, "autopilot: ", "2 wrong, 2 changed, 1 missing; restart it: autopilot restart"),
     ]
     .map(|(report, severity, beginning, end)| (Message::Autopilot(report), severity, beginning, end))
     .into()

@@ -229,7 +229,8 @@ impl AutopilotSetup {
                 self.counts.changed += 1;
                 self.counts.needs_restart |= row.stage != CalibrationStage::Calibrated;
             }
-            Some(_) => self.counts.wrong += 1,
+            Some(ParameterState::Missing) => self.counts.missing += 1,
+            Some(ParameterState::Wrong | ParameterState::NotChanged) => self.counts.wrong += 1,
         }
         self.report = state.map(|state| {
             let (slot, priority) = self.module_compass.unwrap_or_default();
