@@ -22,6 +22,8 @@ pub enum AutopilotReport {
     Parameter(ParameterReport),
     /// Trims of roll and pitch, degrees, that the autopilot subtracts from its attitude, and the module adds again.
     Trims([f32; 2]),
+    /// Magnetic heading now, degrees, of a calibrated module.
+    Heading(f32),
     /// End of a check or a setup: numbers of parameters.
     Summary(ParameterCounts),
 }
@@ -105,6 +107,8 @@ pub struct ParameterCounts {
     pub right: u8,
     /// Not as wanted.
     pub wrong: u8,
+    /// Not in this version of the autopilot, or not answered.
+    pub missing: u8,
     /// Changed by this setup; they are right, too.
     pub changed: u8,
     /// Whether a change takes effect at the autopilot's next start.
@@ -158,7 +162,8 @@ impl fmt::Display for ParameterReport {
 
 impl fmt::Display for ParameterCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { right, wrong, changed, .. } = self;
-        write!(f, "parameters of the autopilot: {right} right, {wrong} wrong, {changed} changed")
+        let Self { right, wrong, missing, changed, .. } = self;
+        write!(f, "parameters of the autopilot: {right} right, {wrong} wrong, {changed} changed")?;
+        if *missing > 0 { write!(f, ", {missing} missing") } else { Ok(()) }
     }
 }

@@ -88,7 +88,7 @@ impl Message {
 impl AutopilotReport {
     const fn severity(&self) -> Severity {
         match self {
-            Self::Compass(_) | Self::Trims(_) | Self::Summary(_) => Severity::Info,
+            Self::Compass(_) | Self::Trims(_) | Self::Heading(_) | Self::Summary(_) => Severity::Info,
             Self::Parameter(report) => match report.state {
                 ParameterState::Changed => Severity::Info,
                 ParameterState::Wrong | ParameterState::NotChanged | ParameterState::Missing => Severity::Warning,

@@ -94,6 +94,11 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
                 NO_ADVICE,
             )
         }
+        AutopilotReport::Heading(heading_deg) => show(
+            "heading",
+            format_args!("{} deg magnetic now", Decimal::<1>(*heading_deg)),
+            format_args!("compare it with a known one before the autopilot uses it"),
+        ),
         AutopilotReport::Parameter(report) => {
             let code = match report.state {
                 ParameterState::Wrong => "parameter-wrong",

@@ -222,7 +222,7 @@ fn messages() -> Vec<(Message, Severity, &'static str, &'static str)> {
 }
 
 fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
-    use AutopilotReport::{Compass, NoAutopilot, NoCompass, NoReply, Parameter, Summary, Trims};
+    use AutopilotReport::{Compass, Heading, NoAutopilot, NoCompass, NoReply, Parameter, Summary, Trims};
     use ParameterState::{Changed, Missing, NotChanged, Wrong};
     let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
     let parameter = |state| {
@@ -233,7 +233,9 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         };
         Parameter(ParameterReport { wanted: &WANTED, slot: 2, priority: 1, number: -0.25, state })
     };
-    let counts = |wrong, changed| Summary(ParameterCounts { right: 18, wrong, changed, needs_restart: changed > 1 });
+    let counts = |wrong, changed| {
+        Summary(ParameterCounts { right: 18, wrong, changed, missing: wrong / 2, needs_restart: changed > 1 })
+    };
     [
         (
             NoAutopilot,
@@ -263,6 +265,7 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
         (compass(97_547, Some(2)), Severity::Info, "compass: slot 3, ", "DroneCAN bus 1 node 125 (id 97547)"),
         (compass(5, Some(2)), Severity::Info, "compass: slot 3, ", "MSP (id 5)"),
         (Trims([0.0, 3.0]), Severity::Info, "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0", "; removed"),
+        (Heading(123.44), Severity::Info, "heading: 123.4 deg magnetic now", "known one before the autopilot uses it"),
         (AutopilotReport::Armed, Severity::Warning, "armed: the autopilot is armed", "wait for 5 s"),
         (
             parameter(Wrong),
@@ -284,9 +287,14 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
             "calibrated",
         ),
         (counts(0, 0), Severity::Info, "autopilot: parameters of the autopilot: 18 right", "0 wrong, 0 changed"),
-        (counts(2, 0), Severity::Info, "autopilot: ", "2 wrong, 0 changed; to write them: autopilot setup yes"),
+        (
+            counts(2, 0),
+            Severity::Info,
+            "autopilot: ",
+            "2 wrong, 0 changed, 1 missing; to write them: autopilot setup yes",
+        ),
         (counts(0, 1), Severity::Info, "autopilot: ", "0 wrong, 1 changed"),
-        (counts(2, 2), Severity::Info, "autopilot: ", "2 wrong, 2 changed; restart it: autopilot restart"),
+        (counts(2, 2), Severity::Info, "autopilot: ", "2 wrong, 2 changed, 1 missing; restart it: autopilot restart"),
     ]
     .map(|(report, severity, beginning, end)| (Message::Autopilot(report), severity, beginning, end))
     .into()

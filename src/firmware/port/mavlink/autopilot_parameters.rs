@@ -94,12 +94,15 @@ impl AutopilotParameters {
             return is_disarmed && !self.awaits_restart;
         }
         if self.setup.is_running() && !self.is_reading_trim {
+            let is_calibrated = snapshot.indicator_state == IndicatorState::Calibrated;
+            let heading = snapshot.estimate.heading.ok().filter(|_| is_calibrated);
             let context = SetupContext {
                 firmware,
                 can_node: snapshot.can_node,
                 sends_vision_yaw: snapshot.settings.sends_vision_yaw,
-                is_calibrated: snapshot.indicator_state == IndicatorState::Calibrated,
+                is_calibrated,
                 is_disarmed,
+                heading_deg: heading.map(|heading| heading.magnetic_deg()),
                 trims_deg: if self.is_ardupilot() { self.trims.trims_rad().map(f32::to_degrees) } else { [0.0; 2] },
             };
             self.setup.advance(context, &mut self.client);

@@ -25,8 +25,8 @@ const ID_NAMES: [&str; 2 * COMPASS_COUNT] = [
     "COMPASS_DEV_ID3",
 ];
 
-/// Step after all parameters: the trims.
-const TRIM_STEP: usize = ID_NAMES.len() + PARAMETER_ROWS.len();
+/// Step after all parameters.
+const ROWS_END: usize = ID_NAMES.len() + PARAMETER_ROWS.len();
 
 /// What check and setup depend on.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +38,8 @@ pub(super) struct SetupContext {
     pub is_calibrated: bool,
     /// Whether the autopilot reports that it is disarmed.
     pub is_disarmed: bool,
+    /// Magnetic heading of a calibrated module, degrees, if there is one now.
+    pub heading_deg: Option<f32>,
     /// Trims of roll and pitch that are removed from the autopilot's attitude, degrees.
     pub trims_deg: [f32; 2],
 }
@@ -98,17 +100,23 @@ impl AutopilotSetup {
         if context.firmware != MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA {
             self.step = self.step.max(ID_NAMES.len() as u8);
         }
-        while usize::from(self.step) < TRIM_STEP {
+        while usize::from(self.step) < ROWS_END {
             if let Some(name) = self.name_of_step(context) {
                 client.begin_read(name);
                 return;
             }
             self.step += 1;
         }
-        if usize::from(self.step) == TRIM_STEP && context.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0) {
+        let has_trims = context.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0);
+        let later_reports = [
+            has_trims.then_some(AutopilotReport::Trims(context.trims_deg)),
+            context.heading_deg.filter(|_| !self.writes).map(AutopilotReport::Heading),
+        ];
+        self.report = later_reports.into_iter().skip(usize::from(self.step) - ROWS_END).find_map(|report| {
             self.step += 1;
-            self.report = Some(AutopilotReport::Trims(context.trims_deg));
-        } else {
+            report
+        });
+        if self.report.is_none() {
             self.end(AutopilotReport::Summary(self.counts));
         }
     }
@@ -194,7 +202,9 @@ impl AutopilotSetup {
         let read_number = result.unwrap_or(0.0);
         let wanted = row.wanted.number.or(self.number_before).unwrap_or(read_number);
         let is_right = is_same_number(read_number, wanted);
-        let is_to_write = self.writes && self.number_before.is_none() && result.is_ok();
+        // A heading that is not trusted on the ground is not used in flight.
+        let is_permitted = row.stage != CalibrationStage::Calibrated || context.heading_deg.is_some();
+        let is_to_write = self.writes && is_permitted && self.number_before.is_none() && result.is_ok();
         let (number, state) = match (result, self.number_before) {
             (Ok(number), None) if is_to_write && (!is_right || row.wanted.number.is_none()) => {
                 if context.is_disarmed {
@@ -219,7 +229,8 @@ impl AutopilotSetup {
                 self.counts.changed += 1;
                 self.counts.needs_restart |= row.stage != CalibrationStage::Calibrated;
             }
-            Some(_) => self.counts.wrong += 1,
+            Some(ParameterState::Missing) => self.counts.missing += 1,
+            Some(ParameterState::Wrong | ParameterState::NotChanged) => self.counts.wrong += 1,
         }
         self.report = state.map(|state| {
             let (slot, priority) = self.module_compass.unwrap_or_default();

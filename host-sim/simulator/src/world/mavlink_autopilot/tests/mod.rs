@@ -2,6 +2,7 @@
 
 mod setup;
 
+use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing_firmware::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
@@ -45,6 +46,7 @@ struct Bench {
     inputs: AutopilotInputs,
     settings: Settings,
     indicator_state: IndicatorState,
+    heading: Result<Heading, NoHeading>,
     /// Texts for people.
     notices: Vec<String>,
 }
@@ -62,6 +64,7 @@ impl Bench {
             inputs: AutopilotInputs::default(),
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
+            heading: Err(NoHeading::Uncalibrated),
             notices: vec![],
         }
     }
@@ -91,7 +94,7 @@ impl Bench {
     fn poll_module(&mut self) {
         let snapshot = Snapshot {
             now: Timestamp::from_us(1000 * self.now_ms),
-            estimate: &Estimate::EMPTY,
+            estimate: &Estimate { heading: self.heading, ..Estimate::EMPTY },
             settings: &self.settings,
             indicator_state: self.indicator_state,
             calibration: None,

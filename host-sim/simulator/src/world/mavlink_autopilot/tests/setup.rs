@@ -78,6 +78,11 @@ fn a_setup_writes_what_is_wrong_in_two_halves() {
     assert_eq!(numbers(&bench, mine), ["0", "0", "1"]);
     bench.indicator_state = IndicatorState::Calibrated;
     let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert!(texts.last().unwrap().contains("17 right, 1 wrong, 0 changed"), "no heading: {texts:?}");
+    bench.heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
+    let texts = run_action(&mut bench, AutopilotAction::Check);
+    assert!(texts.iter().any(|text| text.starts_with("heading: 57.3 deg magnetic now")), "{texts:?}");
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
     assert!(texts.last().unwrap().ends_with("18 right, 0 wrong, 1 changed"), "no restart: {texts:?}");
     assert_eq!(numbers(&bench, mine), ["1", "0", "1"]);
     assert_eq!(numbers(&bench, others), others_before);
@@ -101,7 +106,7 @@ fn a_setup_reports_what_it_could_not_write() {
     ] {
         assert!(texts.iter().any(|shown| shown == text), "{text}: {texts:?}");
     }
-    assert!(texts.last().unwrap().contains("15 right, 3 wrong, 1 changed"), "{texts:?}");
+    assert!(texts.last().unwrap().contains("15 right, 2 wrong, 1 changed, 1 missing"), "{texts:?}");
 }
 
 #[test]
