@@ -106,21 +106,28 @@ fn a_chip_that_fails_is_reported() {
     });
 }
 
-/// 300 chips: zero-rate level of 3 deg/s, zero-g level of 40 mg, noise of 4 mdps/sqrt(Hz) in half of 208 Hz.
+/// 300 chips: zero-rate level of 3 deg/s that drifts by 0.015 deg/s/K, zero-g level of 40 mg, noise of 4 mdps/sqrt(Hz) in
+/// half of 208 Hz.
 #[test]
 fn errors_are_those_of_the_data_sheet() {
-    let (mut offsets, mut forces, mut noise) = (0.0, 0.0, 0.0);
+    let (mut offsets, mut drifts, mut forces, mut noise) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..300 {
         let mut errors = MeasurementErrors::new(seed, 1.0);
-        let exact = InertialTruth { temperature_c: 25.0, specific_force_m_s2: Vector3::zeros(), ..at_rest(0) };
-        let samples: Vec<InertialTruth> = (0..100).map(|_| errors.measure(&exact, 208.0)).collect();
-        let mean = samples.iter().map(|sample| sample.rates_rad_s.x).sum::<f64>() / 100.0;
-        offsets += square(mean.to_degrees()) / 300.0;
+        let mut samples_at = |temperature_c: f64| -> Vec<InertialTruth> {
+            let exact = InertialTruth { temperature_c, specific_force_m_s2: Vector3::zeros(), ..at_rest(0) };
+            (0..100).map(|_| errors.measure(&exact, 208.0)).collect()
+        };
+        let rate_deg_s = |sample: &InertialTruth| sample.rates_rad_s.x.to_degrees();
+        let mean_deg_s = |samples: &[InertialTruth]| samples.iter().map(rate_deg_s).sum::<f64>() / 100.0;
+        let samples = samples_at(25.0);
+        let cold_deg_s = mean_deg_s(&samples);
+        offsets += square(cold_deg_s) / 300.0;
+        drifts += square((mean_deg_s(&samples_at(85.0)) - cold_deg_s) / 60.0) / 300.0;
         forces += square(samples[0].specific_force_m_s2.x / 9.806_65 * 1e3) / 300.0;
-        noise +=
-            samples.iter().map(|sample| square((sample.rates_rad_s.x - mean).to_degrees())).sum::<f64>() / 29_700.0;
+        noise += samples.iter().map(|sample| square(rate_deg_s(sample) - cold_deg_s)).sum::<f64>() / 29_700.0;
     }
     assert!((offsets.sqrt() - 3.0).abs() < 0.5 && (forces.sqrt() - 40.0).abs() < 7.0, "{offsets} {forces}");
+    assert!((drifts.sqrt() - 0.015).abs() < 0.0025, "{}", drifts.sqrt());
     assert!((noise.sqrt() - 0.0408).abs() < 0.001, "{}", noise.sqrt());
 }
 
