@@ -141,3 +141,17 @@ fn a_check_without_an_answer_ends_with_the_reason() {
         assert!(texts.len() == 1 && texts[0].starts_with(code), "{texts:?}");
     }
 }
+
+/// The attitude of a quadplane has its pitch trim in one of two modes.
+#[test]
+fn an_ambiguous_pitch_trim_is_reported_once() {
+    for (option, expected) in [(0.0, 1), (256.0, 0)] {
+        let mut bench = Bench::new(MavlinkFirmware::ArduPilot);
+        for (name, number) in [("Q_ENABLE", 1.0), ("PTCH_TRIM_DEG", 2.0), ("FLIGHT_OPTIONS", option)] {
+            bench.autopilot.parameters.set_number(name, number);
+        }
+        bench.run_for_s(90);
+        let reports = bench.notices.iter().filter(|text| text.starts_with("trims-ambiguous: "));
+        assert_eq!(reports.count(), expected, "FLIGHT_OPTIONS={option}");
+    }
+}
