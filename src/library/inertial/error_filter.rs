@@ -94,27 +94,25 @@ impl ErrorFilter {
         }
     }
 
-    /// `P <- (I + E) P (I + E)^T`, with `factor` as the block of `E` at rows `target` and columns `source`. Rows and
-    /// columns change alike; only where they cross, both do.
-    #[inline]
+    /// `P <- (I + E) P (I + E)^T`, with `factor` as the block of `E` at rows `target` and columns `source`.
     fn propagate_block<const T: usize, const S: usize>(
         &mut self,
         target: usize,
         source: usize,
         factor: &SMatrix<f32, T, S>,
     ) {
-        let change: SMatrix<f32, T, ERROR_COUNT> = factor * self.covariance.fixed_rows::<S>(source);
-        let at_crossing = change.fixed_columns::<S>(source) * factor.transpose();
-        let mut rows = self.covariance.fixed_rows_mut::<T>(target);
-        rows += change;
-        let mut columns = self.covariance.fixed_columns_mut::<T>(target);
-        columns += change.transpose();
-        let mut crossing = self.covariance.fixed_view_mut::<T, T>(target, target);
-        crossing += at_crossing;
+        let rows = factor * self.covariance.fixed_rows::<S>(source);
+        let mut target_rows = self.covariance.fixed_rows_mut::<T>(target);
+        target_rows += rows;
+        let columns = self.covariance.fixed_columns::<S>(source) * factor.transpose();
+        let mut target_columns = self.covariance.fixed_columns_mut::<T>(target);
+        target_columns += columns;
     }
 
     /// Measures the velocity: measured less estimated, and the variance of each axis.
     pub fn measure_velocity(&mut self, residual_m_s: &Vector3<f32>, variance: f32) {
+        // Rounding makes the time update asymmetric; grown over minutes, that makes variances negative.
+        self.covariance.fill_lower_triangle_with_upper_triangle();
         self.measure_states(VELOCITY, residual_m_s, variance);
     }
 
@@ -146,7 +144,10 @@ impl ErrorFilter {
         self.mean.axpy((residual - self.mean[index]) / innovation_variance, &column, 1.0);
         // Both factors of the product are the same, so that the covariance stays symmetric to the last bit.
         let scaled = column / sqrt(innovation_variance);
-        self.covariance.ger(-1.0, &scaled, &scaled, 1.0);
+        let columns = self.covariance.as_mut_slice().chunks_exact_mut(ERROR_COUNT);
+        for (column, factor) in columns.zip(scaled.as_slice()) {
+            add_scaled(column, &scaled, -factor);
+        }
         // The difference cancels for an accurate measurement.
         self.covariance[(index, index)] = predicted_variance * (variance / innovation_variance);
     }
@@ -172,5 +173,13 @@ impl ErrorFilter {
     /// Variance of the gyro's offset, (rad/s)^2, by axis.
     pub fn gyro_offset_variance(&self) -> Vector3<f32> {
         Vector3::from_fn(|axis, _| self.covariance[(GYRO_OFFSET + axis, GYRO_OFFSET + axis)])
+    }
+}
+
+/// `column += factor * added`.
+#[inline]
+fn add_scaled(column: &mut [f32], added: &ErrorVector, factor: f32) {
+    for (element, added) in column.iter_mut().zip(added.as_slice()) {
+        *element += factor * added;
     }
 }

@@ -109,6 +109,13 @@ impl StepSums {
     }
 }
 
+/// Measurements of a step, one after the other.
+#[derive(Clone, Copy, Debug)]
+enum Measurement {
+    Velocity,
+    GyroOffset,
+}
+
 /// Attitude filter of an inertial sensor. About 1.2 KB.
 #[derive(Clone, Debug)]
 pub struct AttitudeFilter {
@@ -125,6 +132,8 @@ pub struct AttitudeFilter {
     velocity_noise: VelocityNoise,
     rest_detector: RestDetector,
     step: StepSums,
+    /// Next measurement of the last step, and the step's duration, seconds.
+    due_measurement: Option<(Measurement, f32)>,
 }
 
 impl AttitudeFilter {
@@ -151,6 +160,7 @@ impl AttitudeFilter {
             velocity_noise: VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S)),
             rest_detector: RestDetector::INITIAL,
             step: StepSums::new(),
+            due_measurement: None,
         }
     }
 
@@ -166,9 +176,7 @@ impl AttitudeFilter {
                 let step_s = at.us_since(updated_at) as f32 * 1e-6;
                 self.attitude = Some((at, self.integrate_sample(&attitude, sample, step_s)));
                 self.rest_detector.update(sample, step_s);
-                if self.step.duration_s >= ERROR_STEP_S {
-                    self.correct_errors(speed_m_s);
-                }
+                self.advance_step(speed_m_s);
             }
             _ => self.start_at(at, sample),
         }
@@ -206,12 +214,32 @@ impl AttitudeFilter {
         attitude
     }
 
-    /// Step of the error filter: time update, measurements, and corrections of the estimates.
+    /// Performs one part of a step of the error filter, so that no update takes long.
+    fn advance_step(&mut self, speed_m_s: Option<f32>) {
+        match self.due_measurement.take() {
+            Some((Measurement::Velocity, step_s)) => {
+                self.measure_velocity(speed_m_s, step_s);
+                self.due_measurement = Some((Measurement::GyroOffset, step_s));
+            }
+            Some((Measurement::GyroOffset, step_s)) => {
+                if let Some(change) = self.offset_change_at_rest() {
+                    self.error_filter.measure_gyro_offset(&change, square(REST_RATE_DENSITY) / step_s);
+                    self.apply_corrections();
+                }
+            }
+            None if self.step.duration_s >= ERROR_STEP_S => {
+                let step = core::mem::replace(&mut self.step, StepSums::new());
+                self.error_filter.propagate(&step.integrals, &step.process_noise());
+                self.due_measurement = Some((Measurement::Velocity, step.duration_s));
+            }
+            None => {}
+        }
+    }
+
+    /// Measures the velocity as that of its reference.
     #[inline(never)]
-    fn correct_errors(&mut self, speed_m_s: Option<f32>) {
-        let Some((updated_at, attitude)) = self.attitude else { return };
-        let step = core::mem::replace(&mut self.step, StepSums::new());
-        self.error_filter.propagate(&step.integrals, &step.process_noise());
+    fn measure_velocity(&mut self, speed_m_s: Option<f32>, step_s: f32) {
+        let Some((_, attitude)) = self.attitude else { return };
         let reference_m_s = speed_m_s.map_or_else(Vector3::zeros, |speed_m_s| attitude * Vector3::x() * speed_m_s);
         if speed_m_s.is_some() != self.is_speed_known {
             self.is_speed_known = speed_m_s.is_some();
@@ -224,15 +252,17 @@ impl AttitudeFilter {
             self.attitude = None;
             return;
         }
-        let offset_change = self.offset_change_at_rest();
-        let variance =
-            self.velocity_noise.measurement_variance(&deviation_m_s, offset_change.is_some(), step.duration_s);
+        let is_at_rest = self.offset_change_at_rest().is_some();
+        let variance = self.velocity_noise.measurement_variance(&deviation_m_s, is_at_rest, step_s);
         self.error_filter.measure_velocity(&-deviation_m_s, variance);
-        if let Some(change) = offset_change {
-            self.error_filter.measure_gyro_offset(&change, square(REST_RATE_DENSITY) / step.duration_s);
-        }
+        self.apply_corrections();
+    }
+
+    /// Corrects the estimates by the estimated errors.
+    fn apply_corrections(&mut self) {
         let corrections = self.error_filter.take_corrections();
-        self.attitude = Some((updated_at, rotated_in_navigation(&attitude, &corrections.tilt_rad)));
+        self.attitude =
+            self.attitude.map(|(at, attitude)| (at, rotated_in_navigation(&attitude, &corrections.tilt_rad)));
         self.velocity_m_s += corrections.velocity_m_s;
         self.gyro_offset_rad_s += corrections.gyro_offset_rad_s;
         self.accelerometer_offset_m_s2 += corrections.accelerometer_offset_m_s2;
