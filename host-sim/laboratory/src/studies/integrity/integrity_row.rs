@@ -62,7 +62,7 @@ pub struct IntegrityRow {
     pub no_heading_counts: Vec<(String, usize)>,
 }
 
-pub(super) fn integrity_row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
+pub(super) fn case_row(case: &'static str, results: &[&CaseFlightResult]) -> IntegrityRow {
     let calibrated = || results.iter().filter_map(|flight_result| flight_result.calibration.as_ref().ok());
     let ratios = || calibrated().map(AcceptedCalibration::error_ratio);
     let iron_errors = results

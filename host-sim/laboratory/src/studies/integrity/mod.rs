@@ -21,7 +21,7 @@ pub use statistics::HeadingStatistics;
 pub use sweep::{BEGINS_S, DURATIONS_S, Sweep, SweepCell, all_changes, run_sweep};
 
 use flight::CaseFlightResult;
-use integrity_row::integrity_row;
+use integrity_row::case_row;
 
 /// Flies all cases in parallel; calls `on_flight_done` after every flight. The result does not depend on the number of
 /// cores.
@@ -48,11 +48,7 @@ pub fn run_integrity_study(
         .collect();
     let results_of =
         |i: usize| all_results.iter().filter(move |(case, _)| *case == i).map(|(_, on_flight_done)| on_flight_done);
-    cases
-        .iter()
-        .enumerate()
-        .map(|(i, case)| integrity_row(case.case_name, &results_of(i).collect::<Vec<_>>()))
-        .collect()
+    cases.iter().enumerate().map(|(i, case)| case_row(case.case_name, &results_of(i).collect::<Vec<_>>())).collect()
 }
 
 /// Total number of flights.

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::fault_case::{Change, FaultCase};
 use super::flight::{CaseFlightResult, fly_drawn_case};
 use super::integrity_plan::IntegrityPlan;
-use super::integrity_row::{IntegrityRow, integrity_row};
+use super::integrity_row::{IntegrityRow, case_row};
 use super::statistics::HeadingStatistics;
 
 /// Durations of a change, seconds.
@@ -66,7 +66,7 @@ pub fn run_sweep(
     let results: Vec<CaseFlightResult> = flights.into_par_iter().enumerate().map(fly).collect();
     let results_of_cells = results.chunks((results.len() / changes.len().max(1)).max(1));
     Sweep {
-        total: integrity_row(family.case_name, &results.iter().collect::<Vec<_>>()),
+        total: case_row(family.case_name, &results.iter().collect::<Vec<_>>()),
         cells: changes.iter().zip(results_of_cells).map(|(change, results)| sweep_cell(*change, results)).collect(),
     }
 }
