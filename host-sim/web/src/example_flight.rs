@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn the_example_log_has_a_bad_compass_with_parameters() {
         let choices = serde_json::from_str(
-            r#"{ "samples": "flight", "compass": null, "from_s": null, "to_s": null, "reference": null }"#,
+            r#"{ "module": null, "compass": null, "from_s": null, "to_s": null, "reference": null }"#,
         );
         let judged = record_example().unwrap().judge_log(&choices.unwrap()).unwrap();
         let json: serde_json::Value = serde_json::from_str(&judged.json).unwrap();

@@ -17,7 +17,6 @@ use simulator::devices::sensor::SensorModel;
 /// Needs qemu-system-arm and the image from scripts/build-firmware. World and machine run in lockstep, so the result
 /// depends on the seed only, except for a microsecond at a restart. It takes a minute or two.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: lab emulate --aircraft copter")]
 pub struct EmulateOptions {
     #[command(flatten)]
     fly: FlyOptions,

@@ -20,6 +20,7 @@ use host_sim::print::{self, narrow_table, right_aligned};
 /// forward, right, down. The sensor rests in the first second. Errors are those of the BROAD benchmark, RMS, heading
 /// and total less the circular mean of the heading's.
 #[derive(Debug, Args)]
+#[command(after_help = "Example: lab bench imu trial.csv")]
 pub struct ImuOptions {
     /// Tables, separated by commas
     #[arg(required = true, value_name = "FILE")]

@@ -32,6 +32,9 @@ pub struct Cli {
     color: commands::ColorOption,
 }
 
+/// In place of the examples of `fly`, whose options it has.
+const EMULATE_EXAMPLE: &str = "Example: lab emulate --aircraft copter";
+
 // No doc comments on these variants: they would replace the commands' own long help.
 #[derive(Debug, Subcommand)]
 enum LabCommand {
@@ -39,6 +42,7 @@ enum LabCommand {
     Pilot(commands::CliCommand),
     Serve(serve::ServeCommandOptions),
     Console(serve::ConsoleOptions),
+    #[command(after_help = EMULATE_EXAMPLE, after_long_help = EMULATE_EXAMPLE)]
     Emulate(emulate::EmulateOptions),
     Table1(table1::Table1Options),
     /// Measure accuracy or speed
