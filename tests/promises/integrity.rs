@@ -372,7 +372,9 @@ fn gyro_errors_are_estimated() {
             // The estimate lags behind a growing offset; sigma does not include the lag.
             let least_percent = if case == "gyro-ramp" { 80.0 } else { 87.0 };
             assert!(row.within_two_sigma_percent >= least_percent, "{row:?}");
-            assert!(row.sigma_rms_deg < 1.6 * row.rms_deg, "{row:?}");
+            // With scale errors of 10 % turns leave the gyro's offset unknown, which is in the sigma.
+            let most_sigma = if case == "gyro-10" { 3.0 } else { 1.6 };
+            assert!(row.sigma_rms_deg < most_sigma * row.rms_deg, "{row:?}");
         }
     }
 }

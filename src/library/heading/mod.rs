@@ -190,26 +190,30 @@ pub fn heading_from_corrected_field(
         sigma_rad: variance.sigma_rad(),
         systematic_variance_rad2: variance.coefficient_variance_rad2,
     };
-    let steep_rad2 = steep_variance_rad2(uncertainty.attitude_sigma_rad, attitude);
-    // Not a number exactly at the vertical.
-    if steep_rad2 <= square(MAX_STEEP_SIGMA_RAD) {
-        Ok(heading.with_added_systematic_variance(steep_rad2))
+    if attitude.pitch_rad.abs() <= MAX_USUAL_PITCH_RAD {
+        Ok(heading)
     } else {
-        Err(NoHeading::AttitudeVertical)
+        steep_heading(heading, uncertainty.attitude_sigma_rad, attitude)
     }
 }
 
-/// Cosine of the pitch above which an attitude is steep: 75 deg.
-const MIN_COS_OF_USUAL_PITCH: f32 = 0.259;
+/// Pitch above which an attitude is steep.
+const MAX_USUAL_PITCH_RAD: f32 = 75.0 * DEG;
 
 /// Largest sigma that a steep attitude adds, radians: 8 deg, the limit of the monitor.
 const MAX_STEEP_SIGMA_RAD: f32 = 8.0 * DEG;
 
-/// Heading variance of a steep attitude, square radians. Near the vertical roll and heading turn about almost the same
-/// axis, so that an error of the attitude changes both by its size over the cosine of the pitch.
-fn steep_variance_rad2(attitude_sigma_rad: f32, attitude: RollPitch) -> f32 {
+/// Heading at a steep attitude. Near the vertical roll and heading turn about almost the same axis, so that an error of
+/// the attitude changes both by its size over the cosine of the pitch.
+fn steep_heading(heading: Heading, attitude_sigma_rad: f32, attitude: RollPitch) -> Result<Heading, NoHeading> {
     let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
-    if cos_pitch >= MIN_COS_OF_USUAL_PITCH { 0.0 } else { square(attitude_sigma_rad / cos_pitch) }
+    let variance_rad2 = square(attitude_sigma_rad / cos_pitch);
+    // Not a number exactly at the vertical.
+    if variance_rad2 <= square(MAX_STEEP_SIGMA_RAD) {
+        Ok(heading.with_added_systematic_variance(variance_rad2))
+    } else {
+        Err(NoHeading::AttitudeVertical)
+    }
 }
 
 /// Whether the level field, relative to the calibrated strength, violates the limits; NaN and infinity do.
