@@ -18,8 +18,8 @@ use super::flight::{LogFormat, LoggedFlight};
 use super::read_window::ReadWindow;
 use super::tlog::{LogFrame, TlogReader};
 
-/// Sender of messages whose source is not told (without `--show-source`).
-const UNTOLD_SENDER: [u8; 2] = [1, 1];
+/// Sender of messages without a source, as written without `--show-source`.
+const UNKNOWN_SENDER: [u8; 2] = [1, 1];
 
 /// A decoded message.
 struct DecodedMessage<'a> {
@@ -99,7 +99,7 @@ fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage<'_>) {
     ));
 }
 
-/// Passes the message of a line on; `None` if the line is none. `columns` are those of a table, by its first line.
+/// Passes on the message of a line; `None` of any other line. `columns` are those of a table, by its first line.
 fn with_message<T>(
     line: &str,
     columns: &mut Option<Vec<String>>,
@@ -149,8 +149,8 @@ fn parse_json(line: &str) -> Option<NamedFields> {
     let mut message = parse(line).or_else(|| parse(&line.replace("NaN", "null").replace("-Infinity", "null")))?;
     let meta = message.get("meta")?;
     let name = meta.get("type")?.as_str()?.to_owned();
-    let id = |key: &str, untold: u8| meta.get(key).and_then(Value::as_u64).map_or(untold, |id| id as u8);
-    let sender = [id("srcSystem", UNTOLD_SENDER[0]), id("srcComponent", UNTOLD_SENDER[1])];
+    let id = |key: &str, unknown: u8| meta.get(key).and_then(Value::as_u64).map_or(unknown, |id| id as u8);
+    let sender = [id("srcSystem", UNKNOWN_SENDER[0]), id("srcComponent", UNKNOWN_SENDER[1])];
     let received_us = meta.get("timestamp").and_then(Value::as_f64).map_or(0, |stamp_s| (stamp_s * 1e6) as u64);
     let Value::Object(fields) = message.get_mut("data")?.take() else { return None };
     Some((name, received_us, sender, fields))
@@ -164,7 +164,7 @@ fn parse_text(line: &str) -> Option<DecodedMessage<'_>> {
     let id = |key: &str| source.split_ascii_whitespace().find_map(|word| word.strip_prefix(key)?.parse().ok());
     let sender = match [id("srcSystem="), id("srcComponent=")] {
         [Some(system), Some(component)] => [system, component],
-        _ => UNTOLD_SENDER,
+        _ => UNKNOWN_SENDER,
     };
     Some(DecodedMessage { name, received_us: stamp_us(stamp)?, sender, fields: parse_fields(fields) })
 }
@@ -196,7 +196,7 @@ fn parse_fields(text: &str) -> Map<String, Value> {
     pairs.into_iter().map(|(name, value)| (name.to_owned(), parse_value(&value))).collect()
 }
 
-/// A number (null if it is none), or an array of numbers; else a text.
+/// A number (null for NaN), or an array of numbers; else a text.
 fn parse_value(value: &str) -> Value {
     if value.eq_ignore_ascii_case("nan") {
         return Value::Null;
@@ -217,5 +217,5 @@ fn parse_row<'a>(line: &str, columns: &'a [String]) -> Option<DecodedMessage<'a>
         fields.insert(field.to_owned(), parse_value(value));
         name = Some(message);
     }
-    Some(DecodedMessage { name: name?, received_us, sender: UNTOLD_SENDER, fields })
+    Some(DecodedMessage { name: name?, received_us, sender: UNKNOWN_SENDER, fields })
 }

@@ -59,7 +59,7 @@ pub struct ServeCommandOptions {
     /// Take the attitude from another simulator: UDP datagrams to this port of this computer, 0 to 65535 (0: any free
     /// one), each a text `roll_deg pitch_deg yaw_deg [step_s]`, right wing down and nose up positive, yaw from magnetic
     /// north, at 20 Hz or more. The simulator's own attitude is then sent as disarmed. With step_s, 0 to 1, that
-    /// simulator drives the module's clock: the module goes on by so many seconds, answers with its time, and waits
+    /// simulator drives the module's clock: the module advances by it, answers with its time, and waits
     #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
