@@ -56,8 +56,8 @@ const EXAMPLES: &str = "Examples:
 /// parameters, leave it, fly again, or replace it. With --module it is also compared with an Autoswing module.
 /// docs/how-replay-works.md has the columns of a table.
 ///
-/// Exit codes: 0 the compass in use is good or parameters for it are given, 1 neither, 2 the log cannot be judged; of
-/// several logs the highest.
+/// Exit codes: 0 the compass in use is good, parameters for it are given, or none is in use; 1 otherwise; 2 the log
+/// cannot be judged; of several logs the highest.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReplayArguments {

@@ -114,25 +114,26 @@ fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
 
 const UNREADABLE: &str = "UNREADABLE";
 
+/// In place of a state, of a log whose autopilot uses none of its compasses.
+const UNUSED: &str = "unused";
+
 fn judged_line(name: &str, verdict: &Verdict<'_>) -> LogLine {
     let mut json = verdict.json();
     json["file"] = json!(name);
     let in_use = verdict.compasses_in_use_first();
     let judgement = in_use.first().map(|compass| &compass.judgement);
     let rms_deg = judgement.and_then(|judgement| judgement.logged_accuracy).map(|accuracy| accuracy.rms_deg);
-    let state = verdict.state_of_compass_in_use();
+    let state = verdict.compass_in_use().map(|compass| compass.judgement.compass_state);
+    let word = state.map_or_else(|| UNUSED.to_owned(), |state| state.to_string());
     let action = judgement.map_or("", |judgement| action_words(judgement.recommended_action));
     let error = rms_deg.map_or_else(|| "-".to_owned(), |rms_deg| format!("{rms_deg:.1} deg"));
-    let padding = " ".repeat(UNREADABLE.len().saturating_sub(state.to_string().len()));
+    let padding = " ".repeat(UNREADABLE.len().saturating_sub(word.len()));
+    let styled_word = state.map_or_else(|| word.to_uppercase(), print::styled_state);
     LogLine {
-        rank: (state_rank(state), rms_deg.map_or(0, |rms_deg| (rms_deg * 1e3) as u64)),
+        rank: (state.map_or(0, state_rank), rms_deg.map_or(0, |rms_deg| (rms_deg * 1e3) as u64)),
         exit_code: u8::from(!verdict.is_good_or_correctable()),
-        verdict_text: format!(
-            "{}: {name}: {}",
-            state.to_string().to_uppercase(),
-            verdict.summary_sentences().join(" ")
-        ),
-        table_row: format!("{}{padding} {error:>9}  {action:<15}  {name}\n", print::styled_state(state)),
+        verdict_text: format!("{}: {name}: {}", word.to_uppercase(), verdict.summary_sentences().join(" ")),
+        table_row: format!("{styled_word}{padding} {error:>9}  {action:<15}  {name}\n"),
         json,
     }
 }

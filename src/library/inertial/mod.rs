@@ -1,9 +1,9 @@
 //! Attitude from gyro and accelerometer: roll, pitch and body rates with their covariance. A pure value.
 //!
 //! The gyro's rates are integrated to a quaternion, and the rotated specific force to a velocity. Both drift with the
-//! errors of the attitude, and an error-state Kalman filter ([`error_filter`]) estimates these errors from a
+//! errors of the attitude, and an error-state Kalman filter (`error_filter.rs`) estimates these errors from a
 //! pseudo-measurement: the velocity is that of the reference, zero or the known speed along the nose. How accurately,
-//! follows from the size of its deviations ([`velocity_noise`]): gravity counts as far as the movements allow, over the
+//! follows from the size of its deviations (`velocity_noise.rs`): gravity counts as far as the movements allow, over the
 //! time for which the gyro holds the attitude. A second-order low-pass of the specific force in a frame that does not
 //! rotate, as in VQF (D. Laidig, T. Seel, "VQF: Highly accurate IMU orientation estimation with bias estimation and
 //! magnetic disturbance rejection", Information Fusion 91, 2023), is this filter with constant gains; here the gains

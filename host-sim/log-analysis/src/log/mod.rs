@@ -6,7 +6,7 @@
 //! | the same as text | `.log` | a line that begins with `FMT,` |
 //! | PX4 ULog | `.ulg` | its seven magic bytes |
 //! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
-//! | both, decoded by `mavlogdump` | `.json`, `.txt`, `.csv` | a line that is a message ([`decoded`]) |
+//! | both, decoded by `mavlogdump` | `.json`, `.txt`, `.csv` | a line that is a message (`decoded.rs`) |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //! | an archive with one of these | `.zip` | `PK` |
 //!

@@ -93,10 +93,21 @@ fn the_compass_in_use_comes_first_and_decides() {
     ] {
         let judgement = &mut verdict.compasses[2].judgement;
         (judgement.compass_state, judgement.recommended_action) = (compass_state, recommended_action);
-        assert_eq!(verdict.state_of_compass_in_use(), compass_state);
+        assert_eq!(verdict.compass_in_use().unwrap().judgement.compass_state, compass_state);
         assert_eq!(verdict.is_good_or_correctable(), is_good_or_correctable, "{compass_state}");
     }
     assert_eq!(verdict.exported_corrections().len(), 2);
+}
+
+#[test]
+fn compasses_that_are_not_used_do_not_decide() {
+    let (flight, mut evaluation) = evaluation_of_three();
+    evaluation.compasses.iter_mut().for_each(|compass| compass.is_used_for_heading = Some(false));
+    let mut verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
+    verdict.compasses.iter_mut().for_each(|compass| compass.judgement.recommended_action = CompassAction::FlyAgain);
+    let json = verdict.json();
+    assert!(json["in_use"].is_null() && json["state"].is_null(), "{json}");
+    assert!(verdict.is_good_or_correctable());
 }
 
 #[test]

@@ -103,16 +103,17 @@ impl<'a> Verdict<'a> {
         compasses
     }
 
-    /// State of the compass in use; bad without any.
+    /// First compass that the autopilot's heading uses, or may use; none if it uses none of them.
     #[must_use]
-    pub fn state_of_compass_in_use(&self) -> CompassState {
-        self.compasses_in_use_first().first().map_or(CompassState::Bad, |compass| compass.judgement.compass_state)
+    pub fn compass_in_use(&self) -> Option<&CompassVerdict<'a>> {
+        let first = self.compasses_in_use_first().first().copied();
+        first.filter(|compass| compass.evaluation.is_used_for_heading != Some(false))
     }
 
-    /// Whether the compass in use is good, or has parameters to load.
+    /// Whether the compass in use is good, or has parameters to load; so it is if none is in use.
     #[must_use]
     pub fn is_good_or_correctable(&self) -> bool {
-        self.compasses_in_use_first().first().is_some_and(|compass| {
+        self.compass_in_use().is_none_or(|compass| {
             compass.judgement.compass_state == CompassState::Good
                 || compass.judgement.recommended_action == CompassAction::LoadParameters
         })

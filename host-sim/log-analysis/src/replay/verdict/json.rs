@@ -23,8 +23,8 @@ impl Verdict<'_> {
         json!({
             "schema": SCHEMA_VERSION,
             "verdict": self.summary_sentences().join(" "),
-            "state": self.state_of_compass_in_use(),
-            "in_use": self.compasses_in_use_first().first().map(|compass| compass.evaluation.compass_number),
+            "state": self.compass_in_use().map(|compass| compass.judgement.compass_state),
+            "in_use": self.compass_in_use().map(|compass| compass.evaluation.compass_number),
             "log": {
                 "format": flight.log_format.format_name(),
                 "autopilot": flight.autopilot,
