@@ -399,7 +399,7 @@ fn a_turn_of_the_module_in_its_mount_is_estimated() {
         ("mount-turned-20", 2.0, 15.0),
         ("mount-turned-10-slow", 2.0, 5.0),
     ] {
-        for row in run_cases(&[case]) {
+        for row in run_whole_plan(TEST_PLAN, &[case]) {
             assert!(are_all_accepted(&row) && row.bad_percent <= bad_percent, "{row:?}");
             assert!(row.empty_percent <= empty_percent && note_count(&row, "mount-moved") > 0, "{row:?}");
         }
@@ -463,7 +463,7 @@ fn faults_in_use_are_compensated_or_withhold_the_heading() {
         ("lean-70", 0.3, 5.0),
         ("ferry", 0.0, 5.0),
     ] {
-        for row in run_plan(IntegrityPlan { flights_per_case: 12, ..TEST_PLAN }, &[case]) {
+        for row in run_whole_plan(IntegrityPlan { flights_per_case: 12, ..TEST_PLAN }, &[case]) {
             assert!(row.bad_percent <= bad_percent && row.empty_percent <= empty_percent, "{row:?}");
             // The reported hard-iron change is accurate to a third.
             assert!(row.hard_iron_error_median_percent.is_none_or(|percent| percent <= 30.0), "{row:?}");
