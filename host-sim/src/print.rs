@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use anstyle::{AnsiColor, Style};
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 use log_analysis::numbers::round_all_numbers;
-use log_analysis::replay::verdict::CompassState;
+use log_analysis::replay::verdict::{CompassState, CompassVerdict};
 use log_analysis::report::Report;
 use serde::Serialize;
 use terminal_size::terminal_size_of;
@@ -56,16 +56,18 @@ fn write_unless_failed(mut stdout: impl io::Write, bytes: &[u8]) {
     }
 }
 
-/// The state of a compass in capitals, bold in its colour.
+/// The state of a compass in capitals, bold in its colour; an unused one is plain.
 #[must_use]
-pub fn styled_state(state: CompassState) -> String {
+pub fn styled_state(compass: &CompassVerdict<'_>) -> String {
+    let word = compass.state_word().to_uppercase();
+    let Some(state) = compass.state_in_use() else { return word };
     let color = match state {
         CompassState::Good => AnsiColor::Green,
         CompassState::Bad => AnsiColor::Red,
         CompassState::Fair | CompassState::Unjudged => AnsiColor::Yellow,
     };
     let style = Style::new().bold().fg_color(Some(color.into()));
-    format!("{style}{}{style:#}", state.to_string().to_uppercase())
+    format!("{style}{word}{style:#}")
 }
 
 /// Prints a line, as [`print_text`] does.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use log_analysis::replay::parameter_export::ParameterFormat;
-use log_analysis::replay::verdict::{CompassAction, CompassState, Verdict};
+use log_analysis::replay::verdict::{CompassAction, CompassState, CompassVerdict, Verdict};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -114,23 +114,20 @@ fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
 
 const UNREADABLE: &str = "UNREADABLE";
 
-/// In place of a state, of a log whose autopilot uses none of its compasses.
-const UNUSED: &str = "unused";
-
 fn judged_line(name: &str, verdict: &Verdict<'_>) -> LogLine {
     let mut json = verdict.json();
     json["file"] = json!(name);
-    let in_use = verdict.compasses_in_use_first();
-    let judgement = in_use.first().map(|compass| &compass.judgement);
+    let first = verdict.compasses_in_use_first().first().copied();
+    let judgement = first.map(|compass| &compass.judgement);
     let rms_deg = judgement.and_then(|judgement| judgement.logged_accuracy).map(|accuracy| accuracy.rms_deg);
-    let state = verdict.compass_in_use().map(|compass| compass.judgement.compass_state);
-    let word = state.map_or_else(|| UNUSED.to_owned(), |state| state.to_string());
+    let word = first.map_or("", CompassVerdict::state_word);
     let action = judgement.map_or("", |judgement| action_words(judgement.recommended_action));
     let error = rms_deg.map_or_else(|| "-".to_owned(), |rms_deg| format!("{rms_deg:.1} deg"));
     let padding = " ".repeat(UNREADABLE.len().saturating_sub(word.len()));
-    let styled_word = state.map_or_else(|| word.to_uppercase(), print::styled_state);
+    let styled_word = first.map_or_else(String::new, print::styled_state);
+    let rank = first.and_then(CompassVerdict::state_in_use).map_or(0, state_rank);
     LogLine {
-        rank: (state.map_or(0, state_rank), rms_deg.map_or(0, |rms_deg| (rms_deg * 1e3) as u64)),
+        rank: (rank, rms_deg.map_or(0, |rms_deg| (rms_deg * 1e3) as u64)),
         exit_code: u8::from(!verdict.is_good_or_correctable()),
         verdict_text: format!("{}: {name}: {}", word.to_uppercase(), verdict.summary_sentences().join(" ")),
         table_row: format!("{styled_word}{padding} {error:>9}  {action:<15}  {name}\n"),

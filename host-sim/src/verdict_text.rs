@@ -67,12 +67,10 @@ fn hidden_figures(verdict: &Verdict<'_>) -> String {
 
 /// State and sentence of a compass, wrapped.
 fn verdict_sentence(compass: &CompassVerdict<'_>) -> String {
-    let state = compass.judgement.compass_state;
-    let is_unused = compass.evaluation.is_used_for_heading == Some(false);
-    let word = if is_unused { "UNUSED".to_owned() } else { state.to_string().to_uppercase() };
+    let word = compass.state_word().to_uppercase();
     let mut sentence = String::new();
     append_wrapped(&mut sentence, &format!("{word}: "), &compass.summary_sentence());
-    if is_unused { sentence } else { sentence.replacen(&word, &styled_state(state), 1) }
+    sentence.replacen(&word, &styled_state(compass), 1)
 }
 
 /// All figures and notes.

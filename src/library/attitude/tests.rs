@@ -509,7 +509,7 @@ fn an_aligning_source_is_rejected() {
     }
 }
 
-/// Near a vertical nose the rates of roll and heading say little, and an own integral is used in their place.
+/// Near a vertical nose the rates of roll and heading are inaccurate, and the source's own integral replaces them.
 #[test]
 fn a_source_that_reports_its_integral_is_not_tested() {
     let report = |i: u16| {

@@ -163,8 +163,8 @@ fn errors_are_small_and_their_sigmas_right() {
     }
 }
 
-/// A centripetal acceleration of 1 m/s^2 looks like 6 deg of bank: with a known speed it is none, without one the sigma
-/// is honest.
+/// A centripetal acceleration of 1 m/s^2 looks like 6 deg of bank: a known speed removes this error, and without
+/// one it is in the sigma.
 #[test]
 fn a_known_speed_removes_the_centripetal_acceleration() {
     let [known_deg, unknown_deg] = [Some(20.0), None].map(|speed_m_s| {

@@ -82,7 +82,7 @@ pub enum Command {
 pub enum AutopilotAction {
     /// Compare its parameters with the wanted ones.
     Check,
-    /// Write those that differ.
+    /// Write the parameters that differ.
     Setup,
     /// Restart it.
     Restart,

@@ -109,7 +109,7 @@ pub struct ParameterCounts {
     pub wrong: u8,
     /// Not in this version of the autopilot, or not answered.
     pub missing: u8,
-    /// Changed by this setup; they are right, too.
+    /// Changed by this setup, and counted among the right ones.
     pub changed: u8,
     /// Whether a change takes effect at the autopilot's next start.
     pub needs_restart: bool,

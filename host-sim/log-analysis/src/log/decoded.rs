@@ -22,8 +22,8 @@ use super::tlog::{LogFrame, TlogReader};
 const UNKNOWN_SENDER: [u8; 2] = [1, 1];
 
 /// A decoded message.
-struct DecodedMessage<'a> {
-    name: &'a str,
+struct DecodedMessage {
+    name: String,
     /// Time of reception, microseconds of any epoch.
     received_us: u64,
     sender: [u8; 2],
@@ -34,9 +34,7 @@ struct DecodedMessage<'a> {
 pub fn decoded_format(first_bytes: &[u8]) -> Option<LogFormat> {
     let text = String::from_utf8_lossy(first_bytes);
     let mut columns = None;
-    text.lines()
-        .take(100)
-        .find_map(|line| with_message(line, &mut columns, |message| format_of(message.name)).flatten())
+    text.lines().take(100).find_map(|line| format_of(&parse_line(line, &mut columns)?.name))
 }
 
 fn format_of(name: &str) -> Option<LogFormat> {
@@ -60,23 +58,26 @@ pub fn read_decoded(source: &mut dyn Read, format: LogFormat, system: Option<u8>
     if format == LogFormat::TLog {
         let mut log = TlogReader::new(system);
         while let Some(line) = window.next_line()? {
-            let _ = with_message(&line, &mut columns, |message| record_mavlink(&mut log, &message));
+            if let Some(message) = parse_line(&line, &mut columns) {
+                record_mavlink(&mut log, &message);
+            }
         }
         return Ok(log.finish_flight());
     }
     let mut builder = ardupilot_builder(format);
     while let Some(line) = window.next_line()? {
-        let is_message = with_message(&line, &mut columns, |DecodedMessage { name, fields, .. }| {
-            if MESSAGES_TO_READ.contains(&name) {
-                record_message(&mut builder, name, &FieldsByName(fields));
+        match parse_line(&line, &mut columns) {
+            Some(message) if MESSAGES_TO_READ.contains(&message.name.as_str()) => {
+                record_message(&mut builder, &message.name, &message);
             }
-        });
-        builder.flight.skipped_counts.garbage += u64::from(is_message.is_none() && !line.is_empty());
+            Some(_) => {}
+            None => builder.flight.skipped_counts.garbage += u64::from(!line.is_empty()),
+        }
     }
     Ok(builder.finish_flight())
 }
 
-fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage<'_>) {
+fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage) {
     let number_at = &mut |field: &str, index: usize| {
         let value = message.fields.get(if field == "mavtype" { "type" } else { field });
         match value {
@@ -88,7 +89,7 @@ fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage<'_>) {
         }
         .unwrap_or(0.0)
     };
-    let Some(decoded) = MavMessage::from_numbers(message.name, number_at) else { return };
+    let Some(decoded) = MavMessage::from_numbers(&message.name, number_at) else { return };
     let mut payload = [0; 255];
     let length = decoded.ser(MavlinkVersion::V2, &mut payload);
     log.record_frame(&LogFrame::of_payload(
@@ -99,51 +100,38 @@ fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage<'_>) {
     ));
 }
 
-/// Passes on the message of a line; `None` of any other line. `columns` are those of a table, by its first line.
-fn with_message<T>(
-    line: &str,
-    columns: &mut Option<Vec<String>>,
-    process: impl FnOnce(DecodedMessage<'_>) -> T,
-) -> Option<T> {
+/// Message of a line; `None` of any other line. `columns` are those of a table, by its first line.
+fn parse_line(line: &str, columns: &mut Option<Vec<String>>) -> Option<DecodedMessage> {
     if line.starts_with('{') {
-        return parse_json(line).map(|(name, received_us, sender, fields)| {
-            process(DecodedMessage { name: &name, received_us, sender, fields })
-        });
+        return parse_json(line);
     }
     if let Some(rest) = line.strip_prefix("timestamp,") {
         *columns = rest.contains('.').then(|| rest.split(',').map(str::to_owned).collect());
         return None;
     }
-    if let Some(columns) = columns {
-        return parse_row(line, columns).map(process);
-    }
-    parse_text(line).map(process)
+    columns.as_ref().map_or_else(|| parse_text(line), |columns| parse_row(line, columns))
 }
 
-/// Fields of a DataFlash message, which `mavlogdump` has scaled.
-struct FieldsByName(Map<String, Value>);
-
-impl LogMessage for FieldsByName {
+/// A DataFlash message, whose fields `mavlogdump` has scaled.
+impl LogMessage for DecodedMessage {
     fn numeric_field(&self, name: &str) -> Option<f64> {
-        self.0.get(name)?.as_f64()
+        self.fields.get(name)?.as_f64()
     }
 
     fn has_column(&self, name: &str) -> bool {
-        self.0.contains_key(name)
+        self.fields.contains_key(name)
     }
 
     fn is_plain_integer(&self, name: &str) -> bool {
-        self.0.get(name).is_some_and(Value::is_i64)
+        self.fields.get(name).is_some_and(Value::is_i64)
     }
 
     fn text_field(&self, name: &str) -> Option<String> {
-        self.0.get(name)?.as_str().map(str::to_owned)
+        self.fields.get(name)?.as_str().map(str::to_owned)
     }
 }
 
-type NamedFields = (String, u64, [u8; 2], Map<String, Value>);
-
-fn parse_json(line: &str) -> Option<NamedFields> {
+fn parse_json(line: &str) -> Option<DecodedMessage> {
     let parse = |text: &str| serde_json::from_str::<Value>(text).ok();
     // Python writes numbers that JSON does not have.
     let mut message = parse(line).or_else(|| parse(&line.replace("NaN", "null").replace("-Infinity", "null")))?;
@@ -153,11 +141,11 @@ fn parse_json(line: &str) -> Option<NamedFields> {
     let sender = [id("srcSystem", UNKNOWN_SENDER[0]), id("srcComponent", UNKNOWN_SENDER[1])];
     let received_us = meta.get("timestamp").and_then(Value::as_f64).map_or(0, |stamp_s| (stamp_s * 1e6) as u64);
     let Value::Object(fields) = message.get_mut("data")?.take() else { return None };
-    Some((name, received_us, sender, fields))
+    Some(DecodedMessage { name, received_us, sender, fields })
 }
 
 /// A line such as `2026-11-27 10:00:01.50: ATT {TimeUS : 1500000, Roll : 0.1} srcSystem=1 srcComponent=1`.
-fn parse_text(line: &str) -> Option<DecodedMessage<'_>> {
+fn parse_text(line: &str) -> Option<DecodedMessage> {
     let (stamp, rest) = line.split_once(": ")?;
     let (name, rest) = rest.split_once(" {")?;
     let (fields, source) = rest.rsplit_once('}')?;
@@ -166,7 +154,8 @@ fn parse_text(line: &str) -> Option<DecodedMessage<'_>> {
         [Some(system), Some(component)] => [system, component],
         _ => UNKNOWN_SENDER,
     };
-    Some(DecodedMessage { name, received_us: stamp_us(stamp)?, sender, fields: parse_fields(fields) })
+    let (name, received_us) = (name.to_owned(), stamp_us(stamp)?);
+    Some(DecodedMessage { name, received_us, sender, fields: parse_fields(fields) })
 }
 
 /// Microseconds of `2026-11-27 10:00:01.50`, whose months count 31 days: only differences of seconds matter.
@@ -207,7 +196,7 @@ fn parse_value(value: &str) -> Value {
 }
 
 /// A row of a table that has the columns of one message filled.
-fn parse_row<'a>(line: &str, columns: &'a [String]) -> Option<DecodedMessage<'a>> {
+fn parse_row(line: &str, columns: &[String]) -> Option<DecodedMessage> {
     let mut values = line.split(',');
     let received_us = (values.next()?.parse::<f64>().ok()? * 1e6) as u64;
     let mut name = None;
@@ -217,5 +206,5 @@ fn parse_row<'a>(line: &str, columns: &'a [String]) -> Option<DecodedMessage<'a>
         fields.insert(field.to_owned(), parse_value(value));
         name = Some(message);
     }
-    Some(DecodedMessage { name: name?, received_us, sender: UNKNOWN_SENDER, fields })
+    Some(DecodedMessage { name: name?.to_owned(), received_us, sender: UNKNOWN_SENDER, fields })
 }

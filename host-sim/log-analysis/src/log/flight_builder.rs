@@ -446,7 +446,7 @@ fn undo_correction(
     ((!parameters.is_empty()).then_some(last.correction), field)
 }
 
-/// At most 80 characters of a text of the log, without those that control a terminal.
+/// At most 80 characters of a text of the log, without control characters.
 fn printable(text: &str) -> String {
     text.chars().filter(|character| !character.is_control()).take(80).collect()
 }

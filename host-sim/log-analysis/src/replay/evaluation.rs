@@ -65,7 +65,7 @@ pub struct CompassEvaluation {
     pub reading_interval_s: f64,
     /// Result of the module that is compared.
     pub module_result: Option<ReplayResult>,
-    /// Heading scores with the correction as logged, and with those that are compared.
+    /// Heading scores with the correction as logged, and with each compared correction.
     pub corrections: Vec<ScoredCorrection>,
     /// Changes of hard iron in flight, in order of time.
     pub hard_iron_changes: Vec<LoggedHardIronChange>,

@@ -164,7 +164,7 @@ fn verdict_line(line: &VerdictLine) -> String {
     };
     format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{}.</b> {}.</p>\n",
-        line.state_word,
+        capitalised(line.state_word),
         escape_html(&capitalised(line.verdict_text.trim_end_matches('.')))
     )
 }

@@ -64,8 +64,8 @@ impl FaultSwitch {
         self.active_times_since_onset(at_us).min(1.0)
     }
 
-    /// Changed fraction of what changes during the active time, linearly or exponentially: 0 before it. A fault without
-    /// an end has changed at once.
+    /// Fraction of the fault's size that is reached, linearly or exponentially in the active time: 0 before it. A fault
+    /// without an end has its size at once.
     #[must_use]
     pub fn changed_fraction(&self, at_us: u64) -> f64 {
         let ActiveTime { from_us, until_us, is_exponential } = self.0.get();

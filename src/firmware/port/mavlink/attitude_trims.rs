@@ -13,7 +13,7 @@ use core::f32::consts::FRAC_PI_2;
 use autoswing::frames::{RollPitch, wrap_pi};
 use autoswing_module::messages::ParameterName;
 
-/// Parameters that determine the trims, and the number of one that does not exist in this firmware.
+/// Parameters that determine the trims.
 const PARAMETER_NAMES: [&str; PARAMETER_COUNT] = [
     "AHRS_TRIM_X",
     "AHRS_TRIM_Y",
@@ -36,7 +36,7 @@ const MAX_TRIM_RAD: f32 = 0.96;
 /// Trims of the autopilot's attitude.
 #[derive(Debug, Default)]
 pub(super) struct AttitudeTrims {
-    /// Numbers of the parameters; zero until they are read, and of those that do not exist.
+    /// Numbers of the parameters; zero until read, and where this firmware lacks one.
     numbers: [f32; PARAMETER_COUNT],
     /// Index of the parameter to read next; past the end after all.
     next_index: u8,

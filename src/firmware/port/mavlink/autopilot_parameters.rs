@@ -65,12 +65,11 @@ impl AutopilotParameters {
         }
         let is_supported = self.is_ardupilot() || self.encoding() == ParameterEncoding::Bytewise;
         match action {
-            AutopilotAction::Check | AutopilotAction::Setup if !is_supported => {
-                self.setup.end(AutopilotReport::NoAutopilot);
+            AutopilotAction::Restart if self.autopilot.is_some() => self.awaits_restart = true,
+            AutopilotAction::Check | AutopilotAction::Setup if is_supported => {
+                self.setup.begin(action == AutopilotAction::Setup);
             }
-            AutopilotAction::Check => self.setup.begin(false),
-            AutopilotAction::Setup => self.setup.begin(true),
-            AutopilotAction::Restart => self.awaits_restart = true,
+            _ => self.setup.end(AutopilotReport::NoAutopilot),
         }
     }
 

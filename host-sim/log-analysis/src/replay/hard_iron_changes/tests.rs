@@ -148,7 +148,7 @@ fn only_a_significant_horizontal_change_affects_headings() {
 
 /// A copter turns for half a minute, then stands on one heading, where strength and inclination leave the horizontal
 /// part of a step free along a circle. By the body rates, a reference, or without both the headings on each side, a step
-/// along the circle is no change unless it turned the heading; a step along the field needs no such proof.
+/// along the circle is no change unless it turned the heading; a step along the field is one without that.
 #[test]
 fn a_step_that_did_not_turn_the_heading_is_no_change() {
     use autoswing::frames::{Field, Level, RollPitch};

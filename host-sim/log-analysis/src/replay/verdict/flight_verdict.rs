@@ -107,7 +107,7 @@ impl<'a> Verdict<'a> {
     #[must_use]
     pub fn compass_in_use(&self) -> Option<&CompassVerdict<'a>> {
         let first = self.compasses_in_use_first().first().copied();
-        first.filter(|compass| compass.evaluation.is_used_for_heading != Some(false))
+        first.filter(|compass| compass.state_in_use().is_some())
     }
 
     /// Whether the compass in use is good, or has parameters to load; so it is if none is in use.
@@ -184,6 +184,18 @@ impl CompassVerdict<'_> {
     #[must_use]
     pub fn parameters_to_load(&self) -> Option<&ExportedCorrection> {
         self.parameters.as_ref().ok().filter(|_| self.judgement.recommended_action == CompassAction::LoadParameters)
+    }
+
+    /// State of a compass that the autopilot uses, or may use; none of others, which harm no flight.
+    #[must_use]
+    pub fn state_in_use(&self) -> Option<CompassState> {
+        (self.evaluation.is_used_for_heading != Some(false)).then_some(self.judgement.compass_state)
+    }
+
+    /// The state in a word, or that the compass is unused.
+    #[must_use]
+    pub fn state_word(&self) -> &'static str {
+        self.state_in_use().map_or("unused", CompassState::state_word)
     }
 
     /// Judgement of the compass, a sentence.

@@ -59,17 +59,8 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
 }
 
 fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
-    // A compass that the autopilot does not use harms no flight.
-    let is_unused = compass.evaluation.is_used_for_heading == Some(false);
-    let compass_state = if is_unused { CompassState::Unjudged } else { compass.judgement.compass_state };
-    let word = match compass_state {
-        _ if is_unused => "Unused",
-        CompassState::Good => "Good",
-        CompassState::Fair => "Fair",
-        CompassState::Bad => "Bad",
-        CompassState::Unjudged => "Unjudged",
-    };
-    VerdictLine { compass_state, state_word: word, verdict_text: compass.summary_sentence() }
+    let compass_state = compass.state_in_use().unwrap_or(CompassState::Unjudged);
+    VerdictLine { compass_state, state_word: compass.state_word(), verdict_text: compass.summary_sentence() }
 }
 
 fn reference_info(evaluation: &FlightEvaluation) -> ReferenceInfo {

@@ -57,7 +57,7 @@ fn numbers_have_two_encodings() {
         for (kind, number) in [(INT8, -100.0), (INT32, -97_539.0), (INT32, 0.0), (REAL32, 0.25)] {
             assert_eq!(read(parameter_bits(number, kind, encoding), kind, encoding), Some(number), "{encoding:?}");
         }
-        // 64-bit kinds, and a number that is none.
+        // Kinds of 64 bits, an unknown kind, and NaN.
         for (kind, bits) in [(7, 0), (10, 0), (0, 0), (9, f32::NAN.to_bits())] {
             assert_eq!(read(bits, MavParamType(kind), encoding), None, "{kind}");
         }

@@ -231,14 +231,22 @@ fn action_without_parameters(compass_state: CompassState, rejection: &NoParamete
     }
 }
 
-impl fmt::Display for CompassState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl CompassState {
+    /// The state in a word.
+    #[must_use]
+    pub const fn state_word(self) -> &'static str {
+        match self {
             Self::Good => "good",
             Self::Fair => "fair",
             Self::Bad => "bad",
             Self::Unjudged => "unjudged",
-        })
+        }
+    }
+}
+
+impl fmt::Display for CompassState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.state_word())
     }
 }
 

@@ -90,8 +90,8 @@ fn a_setup_writes_what_is_wrong_in_two_halves() {
     assert_eq!(texts.last().unwrap(), "autopilot: parameters of the autopilot: 18 right, 0 wrong, 0 changed");
 }
 
-/// Writes that do not last are reported: by a ground station that writes at the same time, to a parameter that is read
-/// only, to one that this version does not have.
+/// Writes that do not last are reported: by a ground station that writes at the same time, to a read-only
+/// parameter, to a parameter that this version lacks.
 #[test]
 fn a_setup_reports_what_it_could_not_write() {
     let mut bench = bench_with_two_compasses();
