@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use autoswing::attitude::AttitudeSource;
 use clap::Args;
 use comfy_table::Table;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -23,7 +24,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use crate::command_failure::CommandFailure;
 use crate::file_options::named_world;
-use crate::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use crate::option_parsers::{ATTITUDE_NAMES, SENSOR_NAMES, integer_in_range, named_value, number_in_range};
 use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 
 /// Fly a simulated aircraft that calibrates the module.
@@ -38,9 +39,9 @@ pub struct FlyOptions {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
-    /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover` or `boat`; or an airframe as for --airframe [default: the kind
+    /// Kind of aircraft: `plane`, `copter`, `vtol`, `rover`, `boat` or `hand`; or an airframe as for --airframe [default: the kind
     /// in the airframe file, else plane]
-    #[arg(long, value_name = "plane|copter|vtol|rover|boat")]
+    #[arg(long, value_name = "plane|copter|vtol|rover|boat|hand")]
     aircraft: Option<String>,
     /// Airframe's hard and soft iron: `table1` (the UAV of Liu 2007, table 1), `random` (drawn from the seed), or an
     /// airframe file such as host-sim/airframes/example.toml [default: table1]
@@ -56,6 +57,10 @@ pub struct FlyOptions {
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
     #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
     pub sensor: SensorModel,
+    /// Roll and pitch: of the autopilot; own, of the module's gyro and accelerometer, without any autopilot; or auto, the
+    /// autopilot's with the rates of the module's gyro
+    #[arg(long, default_value = "autopilot", value_name = "autopilot|own|auto", value_parser = named_value(ATTITUDE_NAMES))]
+    attitude: AttitudeSource,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number_in_range(5.0, 60.0))]
     bank: f64,
@@ -81,6 +86,7 @@ pub struct FlyOptions {
 const EXAMPLES: &str = "Examples:
   host-sim fly                                      a page in report/index.html
   host-sim fly --aircraft copter --seed 3           another vehicle, other weather
+  host-sim fly --aircraft boat --attitude own       without any autopilot
   host-sim fly --record flight.ulg                  a log to replay";
 
 const DEFAULT_AIRFRAME: &str = "table1";
@@ -117,7 +123,7 @@ impl FlyOptions {
             },
         };
         let world = if self.current > 0.0 { world.with_current_interference(self.current) } else { world };
-        Ok(WorldConfig { reports_current: self.tell_current, sensor: self.sensor, ..world })
+        Ok(WorldConfig { reports_current: self.tell_current, sensor: self.sensor, attitude: self.attitude, ..world })
     }
 
     fn is_airframe_random(&self) -> bool {

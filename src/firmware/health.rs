@@ -158,6 +158,12 @@ counters! {
     sensor_errors,
     /// Unexpected changes of the sensor's configuration.
     sensor_register_upsets,
+    /// Measurements of the own gyro and accelerometer.
+    inertial_readings,
+    /// Errors of that chip that led to a new initialisation; a board without one counts them as well.
+    inertial_errors,
+    /// Unexpected changes of its configuration.
+    inertial_register_upsets,
     /// Valid attitude reports of the selected sender.
     attitude_reports,
     /// Valid attitude reports of other senders.

@@ -1,6 +1,7 @@
 //! A stored calibration; a fixture of the fuzz tests, too.
 
 use autoswing::calibration::{AttitudeEnvelope, Calibration, HeadingUncertainty, Method, Orientation, Quality};
+use autoswing::inertial::SensorOffsets;
 use autoswing::reading::{Identity, MagnetometerModel};
 use autoswing_module::store::CalibrationRecord;
 
@@ -26,5 +27,6 @@ pub fn calibration_record(serial: u32) -> CalibrationRecord {
         sensor,
         mount: Orientation::IDENTITY_ROTATION,
         serial_number: serial,
+        sensor_offsets: SensorOffsets::UNKNOWN,
     }
 }

@@ -390,6 +390,7 @@ fn status_shows_every_setting() {
         port1: auto, 115200 baud, found mavlink\n\
         port2: nmea, 115200 baud\n\
         vision: off\n\
+        attitude-source: auto\n\
         attitude-rate: 40 Hz at most\n\
         signing: off\n";
     assert!(status.contains(settings), "{status}");

@@ -17,6 +17,7 @@ mod ground;
 mod integrity;
 mod magnetometer;
 mod mission;
+mod own_attitude;
 mod persistence;
 mod ports;
 mod refusals;

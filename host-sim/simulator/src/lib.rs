@@ -23,6 +23,7 @@
 pub mod devices;
 pub mod faults;
 pub mod heading_errors;
+pub mod inertial_sensor;
 pub mod magnetometer;
 pub mod mission;
 pub mod mission_report;

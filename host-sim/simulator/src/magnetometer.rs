@@ -41,6 +41,15 @@ impl SimulatedMagnetometer {
         }
     }
 
+    /// Bus for the module's other chips; one of its own beside an RM3100, which is on SPI.
+    #[must_use]
+    pub fn i2c_bus(&self) -> SimulatedI2cBus {
+        match self {
+            Self::Lis3mdl(_, bus) => bus.clone(),
+            Self::Rm3100(_) => SimulatedI2cBus::new(),
+        }
+    }
+
     /// Fault: the chip does not answer while `silent`.
     pub fn set_silent(&self, silent: bool) {
         match self {

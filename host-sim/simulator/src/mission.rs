@@ -2,6 +2,7 @@
 //!
 //! The simulated pilot uses only console and heading sentences; only the evaluation uses the true state.
 
+use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{Calibration, Orientation};
 use autoswing::frames::{Field, RollPitch, Sensor};
 use serde::Serialize;
@@ -193,6 +194,9 @@ impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
         (self.on_progress)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
+        if self.module.world().world_config().attitude == AttitudeSource::Own {
+            self.send_console_line("set attitude own");
+        }
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         self.send_console_line("status");
         self.send_console_line(routine.start_command);

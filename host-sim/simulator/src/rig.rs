@@ -3,6 +3,7 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
+use autoswing::attitude::AttitudeSource;
 use autoswing::collection::RetainedSamples;
 use autoswing_firmware::app::can::UpdateHandOver;
 use autoswing_firmware::app::{self, Panel, Platform, TaskLinks, Watchdog};
@@ -20,6 +21,7 @@ use crate::devices::can::CanEnd;
 use crate::devices::nor_flash::{PAGE_BYTES, SimulatedFlash};
 use crate::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig};
 use crate::faults::Faults;
+use crate::inertial_sensor::SimulatedInertialSensor;
 use crate::magnetometer::SimulatedMagnetometer;
 use crate::module::{Module, ModuleRunEnd};
 use crate::world::cable_far_end::{AttachedDevice, FarEnd};
@@ -50,6 +52,8 @@ pub struct Rig {
     pub flash: SimulatedFlash,
     /// Magnetometer.
     pub magnetometer: SimulatedMagnetometer,
+    /// Gyro and accelerometer, if the module has them.
+    pub inertial_sensor: Option<SimulatedInertialSensor>,
     /// Lamp and button.
     pub panel: SimulatedPanel,
     /// Firmware update handed over to the boot loader, which is not simulated.
@@ -137,10 +141,15 @@ impl Rig {
         Self::with_faults(config, Faults::default())
     }
 
-    /// As [`new`](Self::new), with faults.
+    /// As [`new`](Self::new), with faults. Without an autopilot a satellite receiver is at port 2.
     #[must_use]
     pub fn with_faults(config: WorldConfig, faults: Faults) -> Self {
-        Self::with_port_devices(config, faults, [FarEnd::SendOnly, FarEnd::Unconnected])
+        let port_devices = if config.attitude == AttitudeSource::Own {
+            [FarEnd::Unconnected, FarEnd::SatelliteReceiver]
+        } else {
+            [FarEnd::SendOnly, FarEnd::Unconnected]
+        };
+        Self::with_port_devices(config, faults, port_devices)
     }
 
     /// As [`with_faults`](Self::with_faults), with other devices at the ports.
@@ -153,6 +162,8 @@ impl Rig {
         let instrument_cable = SerialCable::new(CableConfig::default());
         let field = world.magnetometer_source(faults.field_faults);
         let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor_faults);
+        let inertial_sensor = (config.attitude != AttitudeSource::Autopilot)
+            .then(|| SimulatedInertialSensor::new(config.seed, world.inertial_source(), magnetometer.i2c_bus()));
         let reset_line = Rc::new(ResetLine {
             stop: simulation.stop_handle(),
             cause: RefCell::new(None),
@@ -180,6 +191,7 @@ impl Rig {
             port_devices,
             flash: SimulatedFlash::new(STORE_PAGES, config.seed),
             magnetometer,
+            inertial_sensor,
             panel: SimulatedPanel::default(),
             firmware_update: Rc::default(),
             retained_samples: Rc::new(RefCell::new(RetainedSamples::EMPTY)),
@@ -243,6 +255,9 @@ impl Rig {
         let panel = self.panel.clone();
         let simulation = &mut self.simulation;
         self.magnetometer.spawn_task(simulation, links.clone());
+        if let Some(inertial_sensor) = &self.inertial_sensor {
+            inertial_sensor.spawn_task(simulation, links.clone());
+        }
         let task_links = links.clone();
         simulation.spawn(ExecutorLevel::Interrupt, "instrument", async move {
             app::instrument::run_instrument(&task_links).await;

@@ -80,6 +80,9 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             counts_at_start = links.event_counts();
         }
+        if let Some(offsets) = links.sensor_offsets.try_get() {
+            compass.set_sensor_offsets(offsets);
+        }
         if let Effect::None = effect {
             effect = compass.process_event(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
         }

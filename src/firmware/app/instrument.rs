@@ -4,7 +4,7 @@ use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
-use super::task_links::{SensorDetection, increment_counter, now, subscribe};
+use super::task_links::{AttitudeInput, SensorDetection, Timestamped, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
 use autoswing::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use autoswing_module::messages::Message;
@@ -24,14 +24,17 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
     loop {
         // Reports are received before readings, so that a reading uses attitude of its own instant.
         let event =
-            select4(sensor.changed(), links.attitude_reports.receive(), links.readings.receive(), Timer::at(silent_at))
+            select4(sensor.changed(), links.attitude_inputs.receive(), links.readings.receive(), Timer::at(silent_at))
                 .await;
         increment_counter(&links.heartbeats.instrument);
         let has_new_estimate = matches!(event, Either4::Third(_) | Either4::Fourth(()));
         match event {
             Either4::First(found) => configure_sensor(&mut instrument, found),
-            Either4::Second(report) => {
-                instrument.on_attitude(report.timestamp, report.value);
+            Either4::Second(Timestamped { timestamp, value: AttitudeInput::Own(estimate) }) => {
+                instrument.on_inertial_attitude(timestamp, &estimate);
+            }
+            Either4::Second(Timestamped { timestamp, value: AttitudeInput::Report(report) }) => {
+                instrument.on_attitude(timestamp, report);
                 // The motor current is polled on attitude reports, which are more frequent than currents and less
                 // urgent than readings.
                 if let Some(current) = links.motor_current.try_get() {

@@ -1,6 +1,6 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
-use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment_counter, publish_value};
+use super::task_links::{AttitudeInput, AutopilotLine, CommandSource, Timestamped, increment_counter, publish_value};
 use crate::app::task_links::TaskLinks;
 use crate::port::{ReceivedMessage, Snapshot};
 use crate::wire::dronecan::NodeId;
@@ -46,7 +46,8 @@ pub(super) fn route_message(
             if links.accept_attitude(line, at, report.body_rates.is_some() && can_have_gyro) =>
         {
             increment_counter(&links.event_counters.attitude_reports);
-            links.queue_or_count(&links.attitude_reports, Timestamped { timestamp: at, value: report });
+            let value = AttitudeInput::Report(report);
+            links.queue_or_count(&links.attitude_inputs, Timestamped { timestamp: at, value });
         }
         ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
             increment_counter(&links.event_counters.attitude_of_other_senders);
@@ -58,6 +59,7 @@ pub(super) fn route_message(
         ReceivedMessage::Position(place) => links.update_position(at, place),
         ReceivedMessage::Date(day) => publish_value(&links.date, day),
         ReceivedMessage::Current(value) => links.motor_current.sender().send(Timestamped { timestamp: at, value }),
+        ReceivedMessage::GroundSpeed(value) => links.ground_speed.sender().send(Timestamped { timestamp: at, value }),
         ReceivedMessage::Other => {}
     }
 }

@@ -18,8 +18,10 @@
 //! sentence. All connections between tasks are in one [`TaskLinks`]; there are no globals.
 
 pub mod can;
+mod chip;
 pub mod compass;
 pub mod console;
+pub mod inertial;
 pub mod instrument;
 mod line;
 pub mod panel;

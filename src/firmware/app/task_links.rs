@@ -14,6 +14,7 @@ use crate::health::{CanState, EventCounters, EventCounts};
 use autoswing::attitude::{AttitudeReport, LineSelector};
 use autoswing::calibration::Sample;
 use autoswing::earth::{Date, Position};
+use autoswing::inertial::{InertialAttitude, SensorOffsets};
 use autoswing::instrument::{Correction, Estimate};
 use autoswing::reading::{Identity, Reading};
 use autoswing::time::Timestamp;
@@ -27,6 +28,15 @@ use autoswing_module::settings::{PORT_COUNT, PortNumber, ProtocolKind};
 pub(super) struct Timestamped<T> {
     pub timestamp: Timestamp,
     pub value: T,
+}
+
+/// Attitude for the instrument.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum AttitudeInput {
+    /// Report of an autopilot, received at its time.
+    Report(AttitudeReport),
+    /// Estimate of the own gyro and accelerometer, measured at its time.
+    Own(InertialAttitude),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,7 +91,7 @@ pub(super) type ValueReceiver<'a, T, const N: usize> = Receiver<'a, CriticalSect
 /// hundred instructions at most.
 pub struct TaskLinks {
     pub(super) readings: TaskQueue<Timestamped<Reading>, 4>,
-    pub(super) attitude_reports: TaskQueue<Timestamped<AttitudeReport>, 8>,
+    pub(super) attitude_inputs: TaskQueue<Timestamped<AttitudeInput>, 8>,
     pub(super) samples: TaskQueue<Sample, 8>,
     /// Commands for the state machine. Capacity: one command of each source.
     pub(super) commands: TaskQueue<(CommandSource, Command), { 2 + LINE_COUNT }>,
@@ -101,6 +111,10 @@ pub struct TaskLinks {
     pub(super) date: LatestValue<Date, 1>,
     /// Motor current, amperes; the instrument polls it.
     pub(super) motor_current: LatestValue<Timestamped<f32>, 0>,
+    /// Speed over ground, m/s; the task of gyro and accelerometer polls it.
+    pub(super) ground_speed: LatestValue<Timestamped<f32>, 0>,
+    /// Estimated offsets of gyro and accelerometer; the state machine's task polls them.
+    pub(super) sensor_offsets: LatestValue<SensorOffsets, 0>,
     /// Correction for the instrument, replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: LatestValue<Correction, 1>,
     /// Effective settings, for the lines.
@@ -126,7 +140,7 @@ impl TaskLinks {
     pub const fn new() -> Self {
         Self {
             readings: Channel::new(),
-            attitude_reports: Channel::new(),
+            attitude_inputs: Channel::new(),
             samples: Channel::new(),
             commands: Channel::new(),
             replies: Channel::new(),
@@ -137,6 +151,8 @@ impl TaskLinks {
             position: Watch::new(),
             date: Watch::new(),
             motor_current: Watch::new(),
+            ground_speed: Watch::new(),
+            sensor_offsets: Watch::new(),
             correction: Watch::new(),
             settings: Watch::new(),
             stored_settings: Watch::new(),
@@ -271,10 +287,6 @@ impl Default for TaskLinks {
 
 pub(super) fn now() -> Timestamp {
     Timestamp::from_us(Instant::now().as_micros())
-}
-
-pub(super) fn stamped_now<T>(value: T) -> Timestamped<T> {
-    Timestamped { timestamp: now(), value }
 }
 
 /// Creates a task's receiver of a latest value.

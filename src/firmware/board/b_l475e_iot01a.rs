@@ -1,8 +1,9 @@
-//! ST B-L475E-IOT01A, "Discovery kit IoT node": an STM32L475VG with a LIS3MDL.
+//! ST B-L475E-IOT01A, "Discovery kit IoT node": an STM32L475VG with a LIS3MDL and an LSM6DSL.
 //!
 //! | connection | pins | location |
 //! |---|---|---|
 //! | magnetometer LIS3MDL, address 0x1E | I2C2: PB10 SCL, PB11 SDA | on the board |
+//! | gyro and accelerometer LSM6DSL, address 0x6A | the same; its INT1 at PD11 is not used | on the board |
 //! | console, 115200 8N1 | USART1: PB6 TX, PB7 RX | USB connector (ST-LINK's virtual COM port) |
 //! | port 1: autopilot, 115200 8N1 | UART4: PA0 TX, PA1 RX | Arduino connector D1, D0 |
 //! | port 2: instrument, 115200 8N1 | USART2: PD5 TX, PD6 RX | PMOD connector |
@@ -20,9 +21,11 @@
 use autoswing_firmware::app;
 use autoswing_firmware::app::can::NoBootLoader;
 use autoswing_firmware::console::reply::VERSION;
+use autoswing_firmware::inertial_sensor::lsm6dsl::Lsm6dsl;
 use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use defmt_rtt as _;
+use embassy_embedded_hal::shared_bus::asynch::i2c::I2cDevice;
 use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
 use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
@@ -32,6 +35,8 @@ use embassy_stm32::mode::Async;
 use embassy_stm32::pac::gpio::vals::Pupdr;
 use embassy_stm32::peripherals::{self, DMA1_CH4, DMA1_CH5, I2C2, PB10, PB11};
 use embassy_stm32::{bind_interrupts, can, dma, interrupt, pac, rcc, usart};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::mutex::Mutex;
 use static_cell::StaticCell;
 
 use super::hardware::{self, PortAndConsoleUarts};
@@ -65,7 +70,12 @@ const SENSOR_BUS_PRIORITY: Priority = Priority::P4;
 const EXECUTOR_PRIORITY: Priority = Priority::P6;
 const FLASH_PRIORITY: Priority = Priority::P8;
 
-pub type Magnetometer = Lis3mdl<I2cBus>;
+/// Bus of magnetometer and inertial sensor; a transfer waits for that of the other chip.
+type SharedBus = Mutex<CriticalSectionRawMutex, I2cBus>;
+type SensorBus = I2cDevice<'static, CriticalSectionRawMutex, I2cBus>;
+
+pub type Magnetometer = Lis3mdl<SensorBus>;
+pub type InertialSensor = Lsm6dsl<SensorBus>;
 pub type Uarts = PortAndConsoleUarts<UartTx, UartRx>;
 pub type CanBus = hardware::CanBus<CanReceiver<SilentBxcan>, CanSender, NoBootLoader>;
 pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
@@ -78,6 +88,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     static AUTOPILOT_UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static INSTRUMENT_UART_BUFFERS: StaticCell<UartBuffers> = StaticCell::new();
     static CAN_BUFFERS: StaticCell<CanBuffers> = StaticCell::new();
+    static SENSOR_BUS: StaticCell<SharedBus> = StaticCell::new();
     static OTHER_EXECUTOR: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::take_reset_cause();
@@ -88,11 +99,13 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
 
     // SAFETY: `i2c2_bus` creates the driver with these pins, and its peripherals are used nowhere else.
     let bus = unsafe { I2cBus::new(p.PB10.into(), p.PB11.into(), i2c2_bus) };
+    let bus: &'static SharedBus = SENSOR_BUS.init(Mutex::new(bus));
     let (rx, tx) = bxcan::start_controller(p.CAN1, p.PB8, p.PB9, Irqs, CAN_BUFFERS.init_with(CanBuffers::new));
     // Without a transceiver the line is recessive: nothing is received, and therefore nothing is sent.
     pac::GPIOB.pupdr().modify(|pulls| pulls.set_pupdr(8, Pupdr::PULL_UP));
     let hardware = Hardware {
-        magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
+        magnetometer: Lis3mdl::new(SensorBus::new(bus), Lis3mdlConfig::default()),
+        inertial_sensor: InertialSensor::new(SensorBus::new(bus), InertialSensor::ADDRESS_SA0_LOW),
         uarts: Uarts {
             port_uarts: [
                 new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_UART_BUFFERS.init(UartBuffers::EMPTY)),

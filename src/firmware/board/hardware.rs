@@ -5,6 +5,9 @@ use autoswing_firmware::health::ResetCause;
 /// Initialised hardware for the tasks, in the types of a board.
 pub struct Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform> {
     pub magnetometer: Magnetometer,
+    /// Gyro and accelerometer.
+    #[cfg(feature = "board-b-l475e-iot01a")]
+    pub inertial_sensor: super::chosen::InertialSensor,
     pub uarts: Uarts,
     /// CAN bus; `()` on a board without a CAN controller.
     #[cfg_attr(

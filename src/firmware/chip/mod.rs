@@ -1,12 +1,14 @@
 //! Common parts of the drivers: register access, polling and errors.
 
 mod error;
+mod measuring_chip;
 
 use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::I2c;
 use embedded_hal_async::spi::{Operation, SpiDevice};
 
 pub use error::ChipError;
+pub use measuring_chip::MeasuringChip;
 
 /// Polling interval once a measurement is due; bounds its age when read.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);

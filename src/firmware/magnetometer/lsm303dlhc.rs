@@ -5,7 +5,7 @@
 
 use embedded_hal_async::i2c::I2c;
 
-use crate::chip::{self, ChipError, I2cRegisters, PollingSchedule};
+use crate::chip::{self, ChipError, I2cRegisters, MeasuringChip, PollingSchedule};
 use crate::magnetometer::driver::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
@@ -102,8 +102,10 @@ impl<B: I2c> Lsm303dlhc<B> {
     }
 }
 
-impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
+impl<B: I2c> MeasuringChip for Lsm303dlhc<B> {
     type BusError = B::Error;
+    type Identity = Identity;
+    type Measurement = Reading;
 
     async fn init(&mut self) -> Result<Identity, ChipError<B::Error>> {
         let identity: [u8; 3] = self.chip.read_registers(IRA_REG_M).await?;
@@ -136,14 +138,16 @@ impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
         chip::compare_readback(self.control_registers(), self.chip.read_registers(CRA_REG_M).await?)
     }
 
+    fn period_us(&self) -> u32 {
+        PERIOD_US
+    }
+}
+
+impl<B: I2c> Magnetometer for Lsm303dlhc<B> {
     /// Noise of about one count repeats the middle value in every third reading, at half the noise in every second. 32
     /// in a row then occur about once a month.
     fn equal_readings_until_stuck(&self) -> u16 {
         32
-    }
-
-    fn period_us(&self) -> u32 {
-        PERIOD_US
     }
 }
 

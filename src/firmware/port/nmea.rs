@@ -1,23 +1,34 @@
-//! NMEA 0183: heading, heading with variation, true heading, and the heading's quality.
+//! NMEA 0183: heading, heading with variation, true heading, and the heading's quality; the own attitude.
 
 use crate::port::message_schedule::MessageSchedule;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
-use crate::wire::nmea;
+use crate::wire::nmea::{self, SpeedReceiver};
 use autoswing::heading::Heading;
 
 /// NMEA protocol of a port: `HCHDM`, `HCHDG`, `HCHDT` if the declination is known, and `PASWH`, with the rate of
-/// `stream rate` and the heading of `stream heading`. Received bytes are ignored.
+/// `stream rate` and the heading of `stream heading`; with an attitude of the own sensors also `HCROT`, `HCXDR` and `PASHR`,
+/// at most 10 a second. The speed of a satellite receiver is received.
 #[derive(Debug, Default)]
 pub struct Nmea {
     schedule: MessageSchedule,
+    attitude_schedule: MessageSchedule,
+    /// Receiver of the speed.
+    pub speed_receiver: SpeedReceiver,
 }
+
+/// Rate of the attitude's sentences, Hz; a line of 115200 baud has room for no more beside the highest rate of headings.
+const ATTITUDE_HZ: u8 = 10;
 
 impl Nmea {
     /// Creates the protocol with the first sentences due at once.
     #[must_use]
     pub const fn new() -> Self {
-        Self { schedule: MessageSchedule::new() }
+        Self {
+            schedule: MessageSchedule::new(),
+            attitude_schedule: MessageSchedule::new(),
+            speed_receiver: SpeedReceiver::new(),
+        }
     }
 
     /// Appends the due sentences.
@@ -39,15 +50,33 @@ impl Nmea {
         if heading.is_err() {
             out.headingless_message_count = out.headingless_message_count.wrapping_add(1);
         }
+        if self.attitude_schedule.is_due(estimate.timestamp, ATTITUDE_HZ) {
+            append_own_attitude(snapshot, heading.ok(), out);
+        }
     }
+}
+
+/// Appends rate of turn and attitude of the own sensors, if they are in use.
+fn append_own_attitude(snapshot: &Snapshot<'_>, heading: Option<Heading>, out: &mut TransmitBuffer) {
+    let estimate = snapshot.estimate;
+    let Some((attitude, sigmas_rad)) = estimate.attitude.zip(estimate.tilt_sigmas_rad) else { return };
+    let true_heading_deg = heading
+        .zip(snapshot.settings.declination_deg)
+        .map(|(heading, declination_deg)| heading.magnetic_deg() + declination_deg);
+    let rot = estimate.turn_rate_rad_s.map(nmea::rot_sentence);
+    let pashr =
+        nmea::pashr_sentence(true_heading_deg, attitude, sigmas_rad, heading.map(|heading| heading.sigma_deg()));
+    out.append_message(&[rot.as_deref().unwrap_or_default(), &nmea::xdr_sentence(attitude), &pashr]);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::port::snapshot::tests::test_snapshot;
+    use autoswing::frames::RollPitch;
     use autoswing::heading::NoHeading;
     use autoswing::instrument::Estimate;
+    use autoswing::time::Timestamp;
     use autoswing_module::settings::{HeadingKind, Settings};
 
     fn sentences_text(estimate: &Estimate, settings: &Settings) -> String {
@@ -84,6 +113,34 @@ mod tests {
         let text = sentences_text(&estimate, &with_declination(1.0));
         let bodies: Vec<&str> = text.lines().map(|line| line.split_once('*').unwrap().0).collect();
         assert_eq!(bodies, ["$HCHDM,,M", "$HCHDG,,,,1.0,E", "$HCHDT,,T", "$PASWH,,,sensor-saturated,"]);
+    }
+
+    /// Roll 3 deg to starboard, nose 4.5 deg down, a turn of 2 deg/s to port.
+    #[test]
+    fn the_own_attitude_is_sent_ten_times_a_second() {
+        let estimate = Estimate {
+            heading: Ok(RAW_HEADING),
+            attitude: Some(RollPitch::from_deg(3.0, -4.5)),
+            tilt_sigmas_rad: Some([0.009, 0.007]),
+            turn_rate_rad_s: Some(-2_f32.to_radians()),
+            ..Estimate::EMPTY
+        };
+        let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
+        let settings = Settings { stream_rate_hz: 20, ..with_declination(-3.5) };
+        let mut texts = (0..2).map(|i| {
+            let estimate = Estimate { timestamp: Timestamp::from_us(1_000_000 + 50_000 * i), ..estimate };
+            nmea.poll(&test_snapshot(&estimate, &settings), &mut out);
+            let text = String::from_utf8(out.pending_bytes().to_vec()).unwrap();
+            out.consume_bytes(usize::MAX);
+            text
+        });
+        let text = texts.next().unwrap();
+        for body in
+            ["$HCROT,-120.0,A*", "$HCXDR,A,-4.5,D,PTCH,A,3.0,D,ROLL*", "$PASHR,,097.6,T,3.0,-4.5,,0.5,0.4,0.6,0,1*"]
+        {
+            assert!(text.contains(body), "{text}");
+        }
+        assert_eq!(texts.next().unwrap().lines().count(), 4);
     }
 
     /// Longest heading, variation, sigma and kind.

@@ -20,6 +20,8 @@ pub enum ReceivedMessage {
     Date(Date),
     /// Motor current, amperes.
     Current(f32),
+    /// Speed over ground, m/s.
+    GroundSpeed(f32),
     /// Command for the state machine, whose result is awaited.
     Command(Command),
     /// Any other message of the protocol, which shows that the protocol is in use.

@@ -88,13 +88,14 @@ impl Port {
             None
         };
         let mavlink_message = if active == ProtocolKind::Msp { None } else { self.mavlink.process_byte(at, byte) };
+        let speed_m_s = if active == ProtocolKind::Nmea { self.nmea.speed_receiver.push_byte(byte) } else { None };
         if msp_message.is_some() {
             self.detection.record_frame(ProtocolKind::Msp, at);
         }
         if mavlink_message.is_some() {
             self.detection.record_frame(ProtocolKind::Mavlink, at);
         }
-        mavlink_message.or(msp_message)
+        mavlink_message.or(msp_message).or(speed_m_s.map(ReceivedMessage::GroundSpeed))
     }
 
     /// Whether the autopilot is armed, if it has reported that recently.

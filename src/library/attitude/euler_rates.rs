@@ -101,6 +101,11 @@ impl HeadingIntegral {
     pub const EMPTY: Self =
         Self { euler_rates: None, relative_heading_rad: 0.0, run_number: 0, frame_heading_rad: None };
 
+    /// Before the first report, whose run has the number after this one.
+    pub const fn before_run(run_number: u8) -> Self {
+        Self { run_number, ..Self::EMPTY }
+    }
+
     /// Integrates to the next report, `step_s` later: by the source's own integral, or with the mean of both rates. `None`
     /// starts a new run.
     pub fn integrate_to_report(&self, report: &AttitudeReport, step_s: Option<f32>) -> Self {

@@ -1,274 +1,139 @@
-//! Attitude history: converts delayed, discrete attitude reports to the attitude at the instant of a measurement.
+//! Attitude in time: an autopilot's delayed, discrete reports and the estimates of the module's own gyro and accelerometer,
+//! converted to the attitude and the turn at the instant of a measurement.
 
 mod alignment_detector;
 mod config;
 mod euler_rates;
+mod history;
+mod inertial_line;
 mod line_selector;
+mod lookup;
 mod plausibility;
 mod rate_consistency;
 mod rate_estimator;
 mod report;
+mod report_queue;
 mod sender_clock;
 mod sender_selector;
+mod source;
 mod stale_attitude_detector;
 mod timed_report;
 
-use crate::frames::{Body, Field, RollPitch, Sensor};
+use nalgebra::Matrix2;
+
+use crate::frames::{Body, Field, Sensor};
+use crate::inertial::InertialAttitude;
 use crate::time::Timestamp;
-use alignment_detector::InitialAlignmentDetector;
+use crate::trig::{DEG, square};
 pub use config::AttitudeConfig;
-use euler_rates::HeadingIntegral;
 pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
+use history::AttitudeHistory;
+pub use history::RejectedReports;
+use inertial_line::InertialLine;
 pub use line_selector::LineSelector;
-use plausibility::{FreezeDetector, SpikeFilter};
-use rate_consistency::RateConsistency;
+pub use lookup::AttitudeLookup;
 pub use rate_estimator::RateEstimator;
 pub use report::{AttitudeReport, BodyRates};
-use sender_clock::SenderClock;
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
-use stale_attitude_detector::StaleAttitudeDetector;
-use timed_report::{TimedReport, extrapolate_attitude, interpolate};
+pub use source::AttitudeSource;
 
-/// Time after a restart of the sender within which its attitude filter aligns, microseconds: 10 s on an ArduPilot, and
-/// some margin. In motion the alignment itself is not detectable.
-const ALIGNMENT_AFTER_RESTART_US: u64 = 15_000_000;
+/// Largest sigma of the own attitude's tilt of a sample, radians: the first turn makes the accelerometer's offset known, which
+/// tilts by 3 deg before.
+const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 2.5 * DEG;
 
-/// Attitude at a requested instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AttitudeLookup {
-    /// Interpolated between two reports.
-    Interpolated(RollPitch),
-    /// Extrapolated from the newest report with its body rates.
-    Extrapolated(RollPitch),
-    /// The instant is before the oldest stored report or in a gap; later reports do not change that.
-    Missing,
-    /// The instant is after the newest report by more than the extrapolation limit, or there is no report yet.
-    Stale,
-    /// The source repeats the same attitude.
-    Frozen,
-    /// The source's filter is still converging, or its attitude is stale.
-    Contradicted,
-}
-
-/// Counts of rejected reports; each wraps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RejectedReports {
-    /// Reports too far from the prediction of the previous report.
-    pub spike_reports: u32,
-    /// Repeated reports of a frozen source, and reports with a stale attitude.
-    pub frozen_reports: u32,
-    /// Reports with body rates that contradict the attitude; used without the rates.
-    pub rate_contradictions: u32,
-}
-
-impl RejectedReports {
-    /// All counts zero.
-    pub const NO_REJECTIONS: Self = Self { spike_reports: 0, frozen_reports: 0, rate_contradictions: 0 };
-}
-
-/// Recent plausible reports on the module's clock.
+/// Attitude and turn at an instant, of an autopilot and of the module's own sensors.
 #[derive(Debug)]
-pub struct AttitudeHistory {
+pub struct AttitudeTrack {
     config: AttitudeConfig,
-    reports: heapless::Deque<TimedReport, 8>,
-    sender_clock: SenderClock,
-    spike_filter: SpikeFilter,
-    freeze_detector: FreezeDetector,
-    initial_alignment_detector: InitialAlignmentDetector,
-    stale_attitude_detector: StaleAttitudeDetector,
-    /// Time of the first report after a restart of the sender.
-    restarted_at: Option<Timestamp>,
-    /// Time of the last report, while the source is aligning or its attitude is stale.
-    last_contradicted_at: Option<Timestamp>,
-    rate_consistency: RateConsistency,
-    rejected_reports: RejectedReports,
+    autopilot: AttitudeHistory,
+    own: InertialLine,
 }
 
-impl AttitudeHistory {
-    /// History without reports.
+impl AttitudeTrack {
+    /// Track without reports and estimates.
     #[must_use]
     pub const fn new(config: AttitudeConfig) -> Self {
-        Self {
-            config,
-            reports: heapless::Deque::new(),
-            sender_clock: SenderClock::new(),
-            spike_filter: SpikeFilter::new(),
-            freeze_detector: FreezeDetector::new(),
-            initial_alignment_detector: InitialAlignmentDetector::new(),
-            stale_attitude_detector: StaleAttitudeDetector::new(),
-            restarted_at: None,
-            last_contradicted_at: None,
-            rate_consistency: RateConsistency::EMPTY,
-            rejected_reports: RejectedReports::NO_REJECTIONS,
+        Self { config, autopilot: AttitudeHistory::new(config), own: InertialLine::new(AttitudeSource::Automatic) }
+    }
+
+    /// Sets the source; a change restarts the track.
+    pub fn set_source(&mut self, source: AttitudeSource) {
+        if source != self.own.source() {
+            *self = Self { own: InertialLine::new(source), ..Self::new(self.config) };
         }
     }
 
-    /// Adds a report whose last byte arrived at `arrival`.
-    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
-        if self.reports.back().is_some_and(|last_report| last_report.report.sender != report.sender) {
-            // Clock offset and history are valid for one sender only.
-            *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
-        }
-        if self.sender_clock.has_restarted(arrival, report.sender_clock_at_sending, &self.config) {
-            *self =
-                Self { rejected_reports: self.rejected_reports, restarted_at: Some(arrival), ..Self::new(self.config) };
-        }
-        let at = self.sender_clock.sending_time(arrival, report.sender_clock_at_sending, &self.config);
-        // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
-        if self.reports.back().is_some_and(|last_report| last_report.sent_at >= at) {
-            return;
-        }
-        if !report.has_own_integral() && !self.is_plausible(at, &mut report) {
-            return;
-        }
-        if self.reports.is_full() {
-            self.reports.pop_front();
-        }
-        let integral = self.heading_integral_at(at, &report);
-        // Infallible: the oldest was removed if full.
-        let _ = self.reports.push_back(TimedReport { sent_at: at, report, heading_integral: integral });
+    /// Adds an estimate of the own sensors from a sample taken at `at`.
+    pub fn push_inertial_attitude(&mut self, at: Timestamp, estimate: &InertialAttitude) {
+        self.own.push_estimate(at, estimate);
     }
 
-    /// Tests a report against the ones before and against the field; drops rates that contradict the attitude. A source
-    /// that integrates its rates to its attitude cannot contradict itself.
-    fn is_plausible(&mut self, at: Timestamp, report: &mut AttitudeReport) -> bool {
-        self.freeze_detector.process_report(at, report);
-        if self.freeze_detector.frozen_at().is_some() {
-            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
+    /// Adds an autopilot's report whose last byte arrived at `arrival`; returns whether its source is used. Own body rates
+    /// replace those of the report.
+    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) -> bool {
+        if !self.own.accept_autopilot_report() {
             return false;
         }
-        let max_gap_us = u64::from(self.config.max_gap_us);
-        let last_report = self.reports.back().filter(|last_report| at.us_since(last_report.sent_at) <= max_gap_us);
-        if self.spike_filter.is_spike(last_report, at, report.attitude) {
-            self.rejected_reports.spike_reports = self.rejected_reports.spike_reports.wrapping_add(1);
-            return false;
-        }
-        // Contradicting rates cannot show that the aircraft is at rest.
-        let is_aligning = self.initial_alignment_detector.process_report(at, report)
-            && !self.rate_consistency.is_contradicted()
-            || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
-        let is_stale = self.stale_attitude_detector.process_report(at, report);
-        self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
-        if is_stale {
-            self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
-        }
-        if is_aligning || is_stale {
-            return false;
-        }
-        if self.rate_consistency.process_report(at, report) {
-            self.rejected_reports.rate_contradictions = self.rejected_reports.rate_contradictions.wrapping_add(1);
-            report.body_rates = None;
-        }
+        let described_at = arrival.plus_signed_us(-self.config.latency_us);
+        report.body_rates = self.own.body_rates_at(described_at).or(report.body_rates);
+        self.autopilot.push_report(arrival, report);
         true
     }
 
     /// Updates the detectors of frozen and of stale attitude with the corrected field of a reading.
     pub fn update_field(&mut self, field: Field<Body>) {
-        self.stale_attitude_detector.update_field(field);
-        self.freeze_detector.update_field(field);
+        self.autopilot.update_field(field);
     }
 
     /// Updates the alignment detector with the raw field of a reading.
     pub fn update_raw_field(&mut self, field: Field<Sensor>) {
-        self.initial_alignment_detector.update_field(field);
+        self.autopilot.update_raw_field(field);
     }
 
-    /// Magnitude of the newest body rates, rad/s; `None` without body rates.
+    /// Magnitude of the body rates at about an instant, rad/s; `None` without body rates.
     #[must_use]
-    pub fn body_rate_rad_s(&self) -> Option<f32> {
-        Some(self.reports.back()?.report.body_rates?.magnitude_rad_s())
+    pub fn body_rate_rad_s(&self, at: Timestamp) -> Option<f32> {
+        let rates = self.own.body_rates_at(at).or_else(|| self.autopilot.newest_body_rates())?;
+        Some(rates.magnitude_rad_s())
+    }
+
+    /// Covariance of the own attitude's tilt about the level frame's x and y axes, rad^2, if it is in use.
+    #[must_use]
+    pub fn own_tilt_covariance(&self) -> Option<Matrix2<f32>> {
+        self.own.tilt_covariance_in_use()
     }
 
     /// Counts of rejected reports.
     #[must_use]
     pub const fn rejected_reports(&self) -> RejectedReports {
-        self.rejected_reports
+        self.autopilot.rejected_reports()
     }
 
-    /// Attitude at an instant of measurement.
+    /// Attitude at an instant of measurement, by a source whose attitude is older than configured by `latency_us`.
     #[must_use]
-    pub fn attitude_at(&self, at: Timestamp) -> AttitudeLookup {
-        let Some(newest) = self.reports.back() else { return AttitudeLookup::Stale };
-        let sent_at = self.report_time_for_instant(at);
-        if sent_at == newest.sent_at {
-            return AttitudeLookup::Interpolated(newest.report.attitude);
+    pub fn attitude_at(&self, at: Timestamp, latency_us: i32) -> AttitudeLookup {
+        let at = at.plus_signed_us(latency_us);
+        match self.own.estimates_in_use() {
+            Some(estimates) => estimates.attitude_at(at, &self.config),
+            None => self.autopilot.attitude_at(at),
         }
-        let ahead_us = sent_at.us_since(newest.sent_at);
-        if ahead_us > 0 {
-            return match self.rejection_reason(sent_at) {
-                Some(doubted) => doubted,
-                None if ahead_us <= u64::from(self.config.max_extrapolation_us) => {
-                    AttitudeLookup::Extrapolated(extrapolate_attitude(newest, ahead_us as f32 * 1e-6))
-                }
-                None => AttitudeLookup::Stale,
-            };
-        }
-        self.surrounding_reports(sent_at)
-            .and_then(|(before, after)| self.interpolate_between(before, after, sent_at))
-            .map_or(AttitudeLookup::Missing, AttitudeLookup::Interpolated)
     }
 
-    /// Angle rates and integrated heading at an instant; `None` without an attitude or body rates.
+    /// Attitude at an instant of measurement, for a sample: missing while the own attitude is inaccurate.
     #[must_use]
-    pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
-        let newest = self.reports.back()?;
-        let sent_at = self.report_time_for_instant(at);
-        if sent_at >= newest.sent_at {
-            let ahead_us = sent_at.us_since(newest.sent_at);
-            let can_extrapolate =
-                ahead_us <= u64::from(self.config.max_extrapolation_us) && self.rejection_reason(sent_at).is_none();
-            return newest
-                .heading_integral
-                .extrapolate_integral(ahead_us as f32 * 1e-6)
-                .filter(|_| can_extrapolate || ahead_us == 0);
-        }
-        let (before, after) = self.surrounding_reports(sent_at)?;
-        let gap_us = after.sent_at.us_since(before.sent_at) as f32;
-        before.heading_integral.interpolate(
-            &after.heading_integral,
-            gap_us * 1e-6,
-            sent_at.us_since(before.sent_at) as f32 / gap_us,
-        )
-    }
-
-    /// Time of sending of the report that describes the instant `at`.
-    const fn report_time_for_instant(&self, at: Timestamp) -> Timestamp {
-        at.plus_signed_us(self.config.latency_us)
-    }
-
-    fn heading_integral_at(&self, at: Timestamp, report: &AttitudeReport) -> HeadingIntegral {
-        let Some(last_report) = self.reports.back() else {
-            return HeadingIntegral::EMPTY.integrate_to_report(report, None);
-        };
-        let gap_us = at.us_since(last_report.sent_at);
-        let step_s = (gap_us <= u64::from(self.config.max_integrated_gap_us)).then_some(gap_us as f32 * 1e-6);
-        last_report.heading_integral.integrate_to_report(report, step_s)
-    }
-
-    /// Reason to reject reports sent at `sent_at`, if any.
-    fn rejection_reason(&self, sent_at: Timestamp) -> Option<AttitudeLookup> {
-        let max_age_us = u64::from(self.config.max_extrapolation_us);
-        let is_recent =
-            |event_at: Option<Timestamp>| event_at.is_some_and(|event_at| sent_at.us_since(event_at) <= max_age_us);
-        if is_recent(self.freeze_detector.frozen_at()) {
-            Some(AttitudeLookup::Frozen)
-        } else {
-            is_recent(self.last_contradicted_at).then_some(AttitudeLookup::Contradicted)
+    pub fn accurate_attitude_at(&self, at: Timestamp) -> AttitudeLookup {
+        match self.own.tilt_covariance_in_use() {
+            Some(covariance) if covariance.trace() > square(MAX_SAMPLE_TILT_SIGMA_RAD) => AttitudeLookup::Missing,
+            _ => self.attitude_at(at, 0),
         }
     }
 
-    /// Reports before and after `sent_at`; the first may be at `sent_at`.
-    fn surrounding_reports(&self, sent_at: Timestamp) -> Option<(&TimedReport, &TimedReport)> {
-        let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
-        pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent_at))
-    }
-
-    fn interpolate_between(&self, before: &TimedReport, after: &TimedReport, sent_at: Timestamp) -> Option<RollPitch> {
-        let gap_us = after.sent_at.us_since(before.sent_at);
-        let fraction = sent_at.us_since(before.sent_at) as f32 / gap_us as f32;
-        (sent_at == before.sent_at || gap_us <= u64::from(self.config.max_gap_us))
-            .then(|| interpolate(&before.report, &after.report, fraction))
+    /// Angle rates and integrated heading at an instant, as [`attitude_at`](Self::attitude_at); own ones have no latency.
+    /// `None` without an attitude or body rates.
+    #[must_use]
+    pub fn gyro_heading_at(&self, at: Timestamp, latency_us: i32) -> Option<GyroHeading> {
+        self.own.gyro_heading_at(at).or_else(|| self.autopilot.gyro_heading_at(at.plus_signed_us(latency_us)))
     }
 }
 

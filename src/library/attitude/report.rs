@@ -18,13 +18,6 @@ pub struct AttitudeReport {
     pub body_rates: Option<BodyRates>,
 }
 
-impl AttitudeReport {
-    /// Whether the source reports its own integral of the rates.
-    pub(super) fn has_own_integral(&self) -> bool {
-        self.body_rates.is_some_and(|rates| rates.frame_heading_rad.is_some())
-    }
-}
-
 /// Body rates p, q, r of a gyro, within its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyRates {

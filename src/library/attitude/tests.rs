@@ -1,8 +1,9 @@
 //! Tests of the attitude history.
 
+use super::history::AttitudeHistory;
 use super::testing::{PERIOD_US, report};
 use super::*;
-use crate::frames::wrap_pi;
+use crate::frames::{RollPitch, wrap_pi};
 use crate::time::WrappingMillis;
 
 const CONFIG: AttitudeConfig = AttitudeConfig::DEFAULT;
@@ -351,9 +352,9 @@ fn roll_at_a_vertical_nose_is_no_spike() {
 
 #[test]
 fn the_body_rate_is_that_of_the_newest_report() {
-    assert_eq!(AttitudeHistory::new(CONFIG).body_rate_rad_s(), None);
+    assert_eq!(AttitudeHistory::new(CONFIG).newest_body_rates(), None);
     let track = history_of_one_report(RollPitch::default(), [30.0, -40.0, 0.0]);
-    assert!((track.body_rate_rad_s().unwrap() - 50_f32.to_radians()).abs() < 1e-5);
+    assert!((track.newest_body_rates().unwrap().magnitude_rad_s() - 50_f32.to_radians()).abs() < 1e-5);
     // All-zero rates mean that the source sends none; gyros measure up to 2000 deg/s.
     for (rates_deg_s, is_measured) in [
         ([0.0; 3], false),
@@ -364,7 +365,7 @@ fn the_body_rate_is_that_of_the_newest_report() {
         ([0.1, 0.0, f32::MAX], false),
     ] {
         let track = history_of_one_report(RollPitch::default(), rates_deg_s);
-        assert_eq!(track.body_rate_rad_s().is_some(), is_measured, "{rates_deg_s:?}");
+        assert_eq!(track.newest_body_rates().is_some(), is_measured, "{rates_deg_s:?}");
     }
 }
 
@@ -479,7 +480,7 @@ fn contradicting_rates_are_dropped() {
     let track = history_of_reports((0..500).map(report));
     let now = timestamp(true_us(499));
     assert!((roll_deg(track.attitude_at(now)) - 10.0 * phase(499).sin()).abs() < 1e-3);
-    assert_eq!((track.gyro_heading_at(now), track.body_rate_rad_s()), (None, None));
+    assert_eq!((track.gyro_heading_at(now), track.newest_body_rates()), (None, None));
     let RejectedReports { rate_contradictions, spike_reports, .. } = track.rejected_reports();
     assert!(rate_contradictions > 300 && spike_reports == 0, "{rate_contradictions} {spike_reports}");
 }
@@ -509,18 +510,87 @@ fn an_aligning_source_is_rejected() {
     }
 }
 
-/// Near a vertical nose the rates of roll and heading are inaccurate, and the source's own integral replaces them.
+/// Estimate of the own sensors: at this roll and body rate about x, and a heading in its frame, degrees and deg/s.
+fn own_estimate(roll_deg: f32, p_deg_s: f32, frame_heading_deg: f32) -> InertialAttitude {
+    InertialAttitude {
+        attitude: RollPitch::from_deg(roll_deg, 0.0),
+        rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0].into(),
+        frame_heading_rad: frame_heading_deg.to_radians(),
+        start_count: 0,
+        tilt_covariance: Matrix2::identity(),
+    }
+}
+
+/// Track of a source with own estimates every 20 ms from 20 s on, that turn by 3 deg each, and reports of the same instants
+/// of an autopilot whose roll is `autopilot_roll_deg`.
+fn track_of_both(source: AttitudeSource, autopilot_roll_deg: Option<f32>) -> (AttitudeTrack, Timestamp) {
+    let mut track = AttitudeTrack::new(CONFIG);
+    track.set_source(source);
+    let sampled_at = |i: u16| timestamp(20_000_000 + u64::from(i) * PERIOD_US);
+    for i in 0..50 {
+        track.push_inertial_attitude(sampled_at(i), &own_estimate(20.0, 5.0, 3.0 * f32::from(i)));
+        if let Some(roll_deg) = autopilot_roll_deg {
+            let report = roll_report(0, roll_deg + 0.01 * f32::from(i % 2), -7.0);
+            let is_used = track.push_report(sampled_at(i).plus_us(LATENCY_US), report);
+            assert_eq!(is_used, source != AttitudeSource::Own);
+        }
+    }
+    (track, sampled_at(49))
+}
+
+/// The source decides on roll and pitch; own body rates and their turn are used unless it is the autopilot alone.
 #[test]
-fn a_source_that_reports_its_integral_is_not_tested() {
-    let report = |i: u16| {
-        let phase = 0.02 * f32::from(i);
-        let report = roll_report(0, 10.0 * phase.sin(), -10.0 * phase.cos());
-        let body_rates = report.body_rates.map(|rates| rates.with_frame_heading(0.05 * f32::from(i)));
-        AttitudeReport { body_rates, ..report }
-    };
-    let track = history_of_reports((0..500).map(report));
-    let [before, after] = [498, 499].map(|i| track.gyro_heading_at(timestamp(true_us(i))).unwrap());
-    let turned_rad = wrap_pi(after.relative_heading_rad - before.relative_heading_rad);
-    assert!((turned_rad - 0.05).abs() < 1e-5, "{turned_rad}");
-    assert_eq!(track.rejected_reports(), RejectedReports::NO_REJECTIONS);
+fn attitude_and_rates_are_those_of_the_source() {
+    for (source, autopilot_roll_deg, expected_roll_deg, p_deg_s) in [
+        (AttitudeSource::Autopilot, Some(10.0), Some(10.0), -7.0_f32),
+        (AttitudeSource::Automatic, Some(10.0), Some(10.0), 5.0),
+        (AttitudeSource::Automatic, None, Some(20.0), 5.0),
+        (AttitudeSource::Own, Some(10.0), Some(20.0), 5.0),
+        (AttitudeSource::Autopilot, None, None, 0.0),
+    ] {
+        let case = format!("{source:?} {autopilot_roll_deg:?}");
+        let (track, newest_at) = track_of_both(source, autopilot_roll_deg);
+        let lookup = track.attitude_at(newest_at, 0);
+        let Some(expected_roll_deg) = expected_roll_deg else {
+            assert_eq!(lookup, AttitudeLookup::Stale, "{case}");
+            continue;
+        };
+        assert!((roll_deg(lookup) - expected_roll_deg).abs() < 0.1, "{case}: {lookup:?}");
+        let rate_deg_s = track.body_rate_rad_s(newest_at).unwrap().to_degrees();
+        assert!((rate_deg_s - p_deg_s.abs()).abs() < 0.01, "{case}: {rate_deg_s}");
+        let [before, after] =
+            [timestamp(newest_at.as_us() - PERIOD_US), newest_at].map(|at| track.gyro_heading_at(at, 0).unwrap());
+        let turned_deg = wrap_pi(after.relative_heading_rad - before.relative_heading_rad).to_degrees();
+        assert!(p_deg_s < 0.0 || (turned_deg - 3.0).abs() < 0.01, "{case}: {turned_deg}");
+    }
+}
+
+/// An autopilot boots for up to 15 s; one that has reported is not replaced when it falls silent.
+#[test]
+fn the_own_attitude_is_used_alone_only_without_an_autopilot() {
+    for (at_us, autopilot_reports, is_used) in
+        [(14_000_000, false, false), (16_000_000, false, true), (16_000_000, true, false)]
+    {
+        let mut track = AttitudeTrack::new(CONFIG);
+        if autopilot_reports {
+            assert!(track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 1.0)));
+        }
+        track.push_inertial_attitude(timestamp(at_us), &own_estimate(20.0, 0.0, 0.0));
+        let lookup = track.attitude_at(timestamp(at_us), 0);
+        assert_eq!(lookup != AttitudeLookup::Stale, is_used, "{at_us} {autopilot_reports}: {lookup:?}");
+        assert_eq!(track.own_tilt_covariance().is_some(), is_used);
+    }
+}
+
+/// A gap and a restart of the filter begin a new run, because the heading in its frame starts anew.
+#[test]
+fn the_turn_is_not_integrated_over_a_restart_of_the_filter() {
+    for (gap_us, start_count, is_same_run) in [(20_000, 0, true), (20_000, 1, false), (60_000, 0, false)] {
+        let (mut track, newest_at) = track_of_both(AttitudeSource::Own, None);
+        let run_number = track.gyro_heading_at(newest_at, 0).unwrap().run_number;
+        let next_at = newest_at.plus_us(gap_us);
+        track.push_inertial_attitude(next_at, &InertialAttitude { start_count, ..own_estimate(20.0, 5.0, 0.0) });
+        let next = track.gyro_heading_at(next_at, 0).unwrap();
+        assert_eq!(next.run_number == run_number, is_same_run, "{gap_us} {start_count}");
+    }
 }

@@ -15,6 +15,8 @@ pub struct InertialAttitude {
     pub rates_rad_s: Vector3<f32>,
     /// Heading in the navigation frame, rad, -pi..pi. Only differences are meaningful; they drift with the gyro's offset.
     pub frame_heading_rad: f32,
+    /// Number of the filter's start, wraps. Headings of different starts cannot be compared.
+    pub start_count: u8,
     /// Covariance of the tilt's error about the level frame's x and y axes, rad^2. Pitch has the error about y, roll
     /// that about x divided by the cosine of the pitch.
     pub tilt_covariance: Matrix2<f32>,
@@ -25,6 +27,7 @@ impl InertialAttitude {
     pub(super) fn new(
         rotation: &UnitQuaternion<f32>,
         rates_rad_s: Vector3<f32>,
+        start_count: u8,
         navigation_covariance: &Matrix2<f32>,
     ) -> Self {
         let nose = rotation * Vector3::x();
@@ -36,6 +39,7 @@ impl InertialAttitude {
             attitude: roll_and_pitch(rotation),
             rates_rad_s,
             frame_heading_rad: libm::atan2f(nose.y, nose.x),
+            start_count,
             tilt_covariance: to_level * navigation_covariance * to_level.transpose(),
         }
     }
@@ -61,7 +65,7 @@ mod tests {
             [(0.0, navigation_covariance), (FRAC_PI_2, Matrix2::new(4.0, -0.5, -0.5, 1.0))]
         {
             let rotation = UnitQuaternion::from_euler_angles(0.4, -0.3, yaw_rad);
-            let estimate = InertialAttitude::new(&rotation, Vector3::zeros(), &navigation_covariance);
+            let estimate = InertialAttitude::new(&rotation, Vector3::zeros(), 0, &navigation_covariance);
             assert!((estimate.tilt_covariance - level_covariance).norm() < 1e-5, "{yaw_rad}");
             let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
             assert!((roll_rad - 0.4).abs() < 1e-6 && (pitch_rad + 0.3).abs() < 1e-6);

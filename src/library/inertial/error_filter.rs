@@ -170,6 +170,11 @@ impl ErrorFilter {
         self.covariance.fixed_view::<2, 2>(0, 0).into_owned()
     }
 
+    /// Variance of a component of the velocity, (m/s)^2, mean of the three.
+    pub fn velocity_variance(&self) -> f32 {
+        (VELOCITY..ACCELEROMETER_OFFSET).map(|i| self.covariance[(i, i)]).sum::<f32>() / 3.0
+    }
+
     /// Variance of the gyro's offset, (rad/s)^2, by axis.
     pub fn gyro_offset_variance(&self) -> Vector3<f32> {
         Vector3::from_fn(|axis, _| self.covariance[(GYRO_OFFSET + axis, GYRO_OFFSET + axis)])

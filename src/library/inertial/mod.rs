@@ -28,7 +28,7 @@ use error_filter::{ErrorFilter, ErrorVariances, StepIntegrals};
 use quaternion::{levelling_rotation, rotated_in_body, rotated_in_navigation};
 use rest_detector::RestDetector;
 pub use sample::{GRAVITY_M_S2, InertialSample};
-pub use sensor_errors::InertialSensorErrors;
+pub use sensor_errors::{InertialSensorErrors, SensorOffsets};
 use velocity_noise::VelocityNoise;
 
 /// Duration of a step of the error filter, seconds: half of the time in which a fast turn of 1000 deg/s ends.
@@ -43,6 +43,9 @@ const MIN_START_FORCE_M_S2: f32 = 0.3 * GRAVITY_M_S2;
 /// Error of the tilt by the first specific force, rad: a hand's acceleration of 0.3 g.
 const START_TILT_SIGMA_RAD: f32 = 0.3;
 
+/// Tilt sigma at which the start ends, rad.
+const SETTLED_TILT_SIGMA_RAD: f32 = 2.0 * DEG;
+
 /// Deviation of the velocity from its reference at the start, m/s: a hand's.
 const START_VELOCITY_SIGMA_M_S: f32 = 0.5;
 
@@ -51,9 +54,6 @@ const MAX_VELOCITY_DEVIATION_M_S: f32 = 40.0;
 
 /// Angle random walk, rad/sqrt(s): four times the noise density of a MEMS gyro, for vibration.
 const ANGLE_RANDOM_WALK: f32 = 0.02 * DEG;
-
-/// Error of the rates by cross-axis sensitivity and nonlinearity, relative to the rates, that no state describes.
-const UNMODELLED_GYRO_SCALE: f32 = 0.002;
 
 /// Time for which an error relative to rate or force keeps its sign, seconds: that of a movement.
 const MOVEMENT_S: f32 = 0.5;
@@ -96,10 +96,11 @@ impl StepSums {
         Self { duration_s: 0.0, integrals, squared_rate: 0.0, squared_acceleration: 0.0 }
     }
 
-    fn process_noise(&self) -> ErrorVariances {
+    /// Process noise of the step. No state describes the gyro's cross-axis sensitivity.
+    fn process_noise(&self, gyro_cross_axis: f32) -> ErrorVariances {
         let step_s = self.duration_s;
         ErrorVariances {
-            tilt: square(ANGLE_RANDOM_WALK) * step_s + square(UNMODELLED_GYRO_SCALE) * MOVEMENT_S * self.squared_rate,
+            tilt: square(ANGLE_RANDOM_WALK) * step_s + square(gyro_cross_axis) * MOVEMENT_S * self.squared_rate,
             gyro_offset: square(GYRO_OFFSET_RANDOM_WALK) * step_s,
             velocity: square(VELOCITY_RANDOM_WALK) * step_s
                 + square(ACCELEROMETER_SCALE) * MOVEMENT_S * self.squared_acceleration,
@@ -120,6 +121,7 @@ enum Measurement {
 #[derive(Clone, Debug)]
 pub struct AttitudeFilter {
     sensor_errors: InertialSensorErrors,
+    start_count: u8,
     /// Time of the last sample and rotation from body to navigation frame; `None` before the first sample.
     attitude: Option<(Timestamp, UnitQuaternion<f32>)>,
     rates_rad_s: Vector3<f32>,
@@ -130,6 +132,8 @@ pub struct AttitudeFilter {
     accelerometer_offset_m_s2: Vector3<f32>,
     error_filter: ErrorFilter,
     velocity_noise: VelocityNoise,
+    /// Whether the tilt has been known well since the start.
+    has_settled: bool,
     rest_detector: RestDetector,
     step: StepSums,
     /// Next measurement of the last step, and the step's duration, seconds.
@@ -137,9 +141,11 @@ pub struct AttitudeFilter {
 }
 
 impl AttitudeFilter {
-    /// A filter for a sensor with these errors.
+    /// A filter for a sensor with these errors, and the offsets of an earlier estimate.
     #[must_use]
-    pub fn new(sensor_errors: InertialSensorErrors) -> Self {
+    pub fn new(sensor_errors: InertialSensorErrors, offsets: SensorOffsets) -> Self {
+        let has_estimate = offsets != SensorOffsets::UNKNOWN;
+        let sensor_errors = if has_estimate { sensor_errors.with_known_offsets() } else { sensor_errors };
         let variances = ErrorVariances {
             tilt: square(START_TILT_SIGMA_RAD),
             gyro_offset: square(sensor_errors.gyro_offset_rad_s),
@@ -149,15 +155,17 @@ impl AttitudeFilter {
         };
         Self {
             sensor_errors,
+            start_count: 0,
             attitude: None,
             rates_rad_s: Vector3::zeros(),
             velocity_m_s: Vector3::zeros(),
             is_speed_known: false,
-            gyro_offset_rad_s: Vector3::zeros(),
+            gyro_offset_rad_s: offsets.gyro_rad_s.into(),
             gyro_scale: Vector3::zeros(),
-            accelerometer_offset_m_s2: Vector3::zeros(),
+            accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
             error_filter: ErrorFilter::new(&variances),
             velocity_noise: VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S)),
+            has_settled: false,
             rest_detector: RestDetector::INITIAL,
             step: StepSums::new(),
             due_measurement: None,
@@ -184,7 +192,8 @@ impl AttitudeFilter {
 
     /// Starts with the tilt of a specific force.
     fn start_at(&mut self, at: Timestamp, sample: &InertialSample) {
-        *self = Self::new(self.sensor_errors);
+        let started = Self::new(self.sensor_errors, self.sensor_offsets());
+        *self = Self { start_count: self.start_count.wrapping_add(1), sensor_errors: self.sensor_errors, ..started };
         if sample.specific_force_m_s2.norm_squared() >= square(MIN_START_FORCE_M_S2) {
             self.attitude = Some((at, levelling_rotation(&sample.specific_force_m_s2)));
         }
@@ -229,7 +238,7 @@ impl AttitudeFilter {
             }
             None if self.step.duration_s >= ERROR_STEP_S => {
                 let step = core::mem::replace(&mut self.step, StepSums::new());
-                self.error_filter.propagate(&step.integrals, &step.process_noise());
+                self.error_filter.propagate(&step.integrals, &step.process_noise(self.sensor_errors.gyro_cross_axis));
                 self.due_measurement = Some((Measurement::Velocity, step.duration_s));
             }
             None => {}
@@ -253,7 +262,10 @@ impl AttitudeFilter {
             return;
         }
         let is_at_rest = self.offset_change_at_rest().is_some();
-        let variance = self.velocity_noise.measurement_variance(&deviation_m_s, is_at_rest, step_s);
+        self.has_settled |= self.error_filter.tilt_covariance().trace() < square(SETTLED_TILT_SIGMA_RAD);
+        // At the start a wrong tilt causes most of a deviation, and later movements.
+        let explained_variance = if self.has_settled { 0.0 } else { self.error_filter.velocity_variance() };
+        let variance = self.velocity_noise.measurement_variance(&deviation_m_s, explained_variance, is_at_rest, step_s);
         self.error_filter.measure_velocity(&-deviation_m_s, variance);
         self.apply_corrections();
     }
@@ -283,13 +295,17 @@ impl AttitudeFilter {
     #[must_use]
     pub fn attitude(&self) -> Option<InertialAttitude> {
         let (_, rotation) = self.attitude?;
-        Some(InertialAttitude::new(&rotation, self.rates_rad_s, &self.error_filter.tilt_covariance()))
+        let covariance = self.error_filter.tilt_covariance();
+        Some(InertialAttitude::new(&rotation, self.rates_rad_s, self.start_count, &covariance))
     }
 
-    /// Estimated offset of the gyro, rad/s.
+    /// Estimated offsets of the sensor.
     #[must_use]
-    pub const fn gyro_offset_rad_s(&self) -> Vector3<f32> {
-        self.gyro_offset_rad_s
+    pub fn sensor_offsets(&self) -> SensorOffsets {
+        SensorOffsets {
+            gyro_rad_s: self.gyro_offset_rad_s.into(),
+            accelerometer_m_s2: self.accelerometer_offset_m_s2.into(),
+        }
     }
 
     /// Whether the sensor is at rest.

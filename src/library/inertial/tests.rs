@@ -65,7 +65,7 @@ struct Run {
 
 impl Run {
     fn new(motion: Motion, seed: u64) -> Self {
-        let filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED);
+        let filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED, SensorOffsets::UNKNOWN);
         Self { filter, sensor: MovingSensor::new(motion, seed), speed_m_s: None, sample_count: 0 }
     }
 
@@ -193,7 +193,7 @@ fn rest_measures_the_offset_and_a_steady_turn_does_not() {
     let mut run = Run::new(rest_then_turn, 3);
     for (duration_s, is_still) in [(10, true), (20, false)] {
         run.run_for_s(duration_s);
-        let error = run.filter.gyro_offset_rad_s() - run.sensor.gyro_offset_rad_s;
+        let error = Vector3::from(run.filter.sensor_offsets().gyro_rad_s) - run.sensor.gyro_offset_rad_s;
         assert!(error.norm() < 0.05 * DEG, "still {is_still}: {}", error.norm() / DEG);
     }
 }

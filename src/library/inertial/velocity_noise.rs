@@ -10,7 +10,7 @@ const MIN_CORRELATION_S: f32 = 0.5;
 /// Acceleration that changes a deviation, m/s^2: the larger it is, the longer it lasts. That of a boat.
 const TYPICAL_ACCELERATION_M_S2: f32 = 1.0;
 
-/// Longest correlation time.
+/// Longest correlation time, seconds: with more, the tilt of a boat in waves drifts away.
 const MAX_CORRELATION_S: f32 = 1.0;
 
 /// Time constant with which the mean square decreases, seconds: longer than a vehicle's drive between two turns. It
@@ -35,11 +35,18 @@ impl VelocityNoise {
         Self { smoothed_m_s: Vector3::zeros(), mean_square }
     }
 
-    /// Processes the deviation of a step; returns the variance of a measurement of each axis, (m/s)^2. A step is
-    /// shorter than the correlation time, and its measurement so much less accurate. Rest ends earlier movements.
-    pub fn measurement_variance(&mut self, deviation_m_s: &Vector3<f32>, is_at_rest: bool, step_s: f32) -> f32 {
+    /// Processes the deviation of a step, of which other errors explain a part of this variance; returns the variance of a
+    /// measurement of each axis, (m/s)^2. A step is shorter than the correlation time, and its measurement so much less
+    /// accurate. Rest ends earlier movements.
+    pub fn measurement_variance(
+        &mut self,
+        deviation_m_s: &Vector3<f32>,
+        explained_variance: f32,
+        is_at_rest: bool,
+        step_s: f32,
+    ) -> f32 {
         self.smoothed_m_s += (deviation_m_s - self.smoothed_m_s) * (step_s / MIN_CORRELATION_S).min(1.0);
-        let square = self.smoothed_m_s.norm_squared() / 3.0;
+        let square = (self.smoothed_m_s.norm_squared() / 3.0 - explained_variance).max(0.0);
         let weight = if is_at_rest || square > self.mean_square { 1.0 } else { (step_s / MEAN_SQUARE_TIME_S).min(1.0) };
         self.mean_square += (square - self.mean_square) * weight;
         let variance = (VARIANCE_PER_MEAN_SQUARE * self.mean_square).max(MIN_VARIANCE);

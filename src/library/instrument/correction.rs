@@ -1,6 +1,8 @@
 //! Correction of readings, as the state machine sets it.
 
+use crate::attitude::AttitudeSource;
 use crate::calibration::{Calibration, HeadingUncertainty, Orientation};
+use crate::inertial::SensorOffsets;
 
 /// Corrections to apply, replaced as a whole so that a heading never mixes two calibrations.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,6 +24,10 @@ pub struct Correction {
     pub is_armed: Option<bool>,
     /// Expected errors of gyro and magnetometer.
     pub sensor_errors: SensorErrorSigmas,
+    /// Source of the attitude.
+    pub attitude_source: AttitudeSource,
+    /// Offsets of gyro and accelerometer at the time of the calibration.
+    pub sensor_offsets: SensorOffsets,
 }
 
 /// Errors of gyro and magnetometer that the monitor expects before a flight shows them, 1 sigma.
@@ -49,6 +55,8 @@ impl Correction {
         total_ut: None,
         is_armed: None,
         sensor_errors: SensorErrorSigmas::DEFAULT,
+        attitude_source: AttitudeSource::Automatic,
+        sensor_offsets: SensorOffsets::UNKNOWN,
     };
 
     /// Whether both corrections produce the same headings.

@@ -25,6 +25,10 @@ pub struct Estimate {
     pub smoothed_heading: Option<Heading>,
     /// Attitude at the time of the reading, if reports are recent.
     pub attitude: Option<RollPitch>,
+    /// Standard deviations of roll and pitch, radians, of an attitude of the module's own sensors.
+    pub tilt_sigmas_rad: Option<[f32; 2]>,
+    /// Rate of turn, radians per second, clockwise positive, by a gyro.
+    pub turn_rate_rad_s: Option<f32>,
     /// Change of hard iron since the calibration, once significant.
     pub installation_change: Option<InstallationChange>,
     /// Motor current, amperes, if reported recently.
@@ -40,6 +44,8 @@ impl Estimate {
         heading: Err(NoHeading::SensorSilent),
         smoothed_heading: None,
         attitude: None,
+        tilt_sigmas_rad: None,
+        turn_rate_rad_s: None,
         installation_change: None,
         current_a: None,
     };

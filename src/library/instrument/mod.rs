@@ -59,12 +59,14 @@ mod smoother;
 mod turn_request;
 mod ud_filter;
 
-use crate::attitude::{AttitudeHistory, AttitudeLookup, AttitudeReport, EulerRates, GyroHeading};
+use crate::attitude::{AttitudeLookup, AttitudeReport, AttitudeTrack, EulerRates, GyroHeading};
 use crate::calibration::{MotorCurrent, Sample};
 use crate::frames::{Body, Field, RollPitch, Sensor};
 use crate::heading::{self, Heading, NoHeading};
+use crate::inertial::InertialAttitude;
 use crate::reading::Reading;
 use crate::time::Timestamp;
+use crate::trig::{self, sqrt, square};
 use active_calibration::ActiveCalibration;
 use attitude_pairing::PairingQueue;
 use compass_field::CompassField;
@@ -82,7 +84,7 @@ pub use turn_request::TurnRequest;
 pub struct Instrument {
     config: InstrumentConfig,
     active_calibration: ActiveCalibration,
-    attitude_history: AttitudeHistory,
+    attitude_track: AttitudeTrack,
     sensor_check: SensorCheck,
     pairing_queue: PairingQueue,
     smoother: HeadingSmoother,
@@ -114,7 +116,7 @@ impl Instrument {
         Self {
             config,
             active_calibration: ActiveCalibration::new(Correction::UNCALIBRATED),
-            attitude_history: AttitudeHistory::new(config.attitude),
+            attitude_track: AttitudeTrack::new(config.attitude),
             sensor_check: SensorCheck::new(&config),
             pairing_queue: PairingQueue::new(config.readings_per_sample(), config.max_step_us()),
             smoother: HeadingSmoother::new(),
@@ -138,7 +140,10 @@ impl Instrument {
         if !correction.gives_same_headings(base) {
             self.smoother.reset_filter();
         }
-        if correction.calibration == base.calibration && correction.sensor_errors == base.sensor_errors {
+        let has_same_sources =
+            correction.attitude_source == base.attitude_source && correction.sensor_errors == base.sensor_errors;
+        self.attitude_track.set_source(correction.attitude_source);
+        if correction.calibration == base.calibration && has_same_sources {
             self.replace_active(self.active_calibration.clone().with_stored_correction(correction));
         } else {
             self.restart_monitor(correction);
@@ -170,14 +175,26 @@ impl Instrument {
     /// Processes an attitude report whose last byte arrived at `at`. It may complete samples.
     #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
-        let rejected_before = self.attitude_history.rejected_reports().rate_contradictions;
-        self.attitude_history.push_report(at, report);
+        let rejected_before = self.attitude_track.rejected_reports().rate_contradictions;
+        if !self.attitude_track.push_report(at, report) {
+            return;
+        }
         self.compass_field.update_attitude(at, report.attitude);
-        let is_contradicted = self.attitude_history.rejected_reports().rate_contradictions != rejected_before;
+        let is_contradicted = self.attitude_track.rejected_reports().rate_contradictions != rejected_before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
         if self.consecutive_rejected_rates == MAX_CONSECUTIVE_REJECTED_RATES {
             self.restart_monitor(self.active_calibration.stored_correction.clone());
+        }
+    }
+
+    /// Processes an estimate of the module's own gyro and accelerometer, of a sample taken at `at`. It may complete
+    /// samples.
+    #[inline(never)]
+    pub fn on_inertial_attitude(&mut self, at: Timestamp, estimate: &InertialAttitude) {
+        self.attitude_track.push_inertial_attitude(at, estimate);
+        if self.attitude_track.own_tilt_covariance().is_some() {
+            self.compass_field.update_attitude(at, estimate.attitude);
         }
     }
 
@@ -198,24 +215,24 @@ impl Instrument {
     /// Processes a reading taken at `at`. It may complete a sample.
     #[inline(never)]
     pub fn on_reading(&mut self, at: Timestamp, reading: Reading) -> Estimate {
-        let fault = self.sensor_check.check_reading(at, &reading, self.attitude_history.body_rate_rad_s());
+        let fault = self.sensor_check.check_reading(at, &reading, self.attitude_track.body_rate_rad_s(at));
         if let Some(fault) = fault {
             self.count_rejection(fault);
             // Earlier readings still time out while waiting for an attitude.
             self.pairing_queue.advance_time(at);
         } else {
             self.pairing_queue.push_field(at, reading.field);
-            self.attitude_history.update_raw_field(reading.field);
+            self.attitude_track.update_raw_field(reading.field);
         }
         let current_a = self.current_a(at);
         let field = self.active_calibration.remove_motor_current(reading.field, current_a);
         let corrected = self.active_calibration.calibrated_field(field);
         let body_field = corrected.filter(|_| fault.is_none());
         if let Some(body_field) = body_field {
-            self.attitude_history.update_field(body_field);
+            self.attitude_track.update_field(body_field);
         }
         let attitude = self.attitude_at(at);
-        let gyro_heading = self.attitude_history.gyro_heading_at(self.attitude_lookup_time(at));
+        let gyro_heading = self.attitude_track.gyro_heading_at(at, self.attitude_latency_us());
         let heading = match fault {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, gyro_heading.as_ref()),
@@ -230,9 +247,16 @@ impl Instrument {
             heading,
             smoothed_heading,
             attitude: attitude.ok(),
+            tilt_sigmas_rad: self.own_tilt_sigmas_rad(),
+            turn_rate_rad_s: gyro_heading.map(|gyro_heading| gyro_heading.euler_rates.heading_rad_s),
             installation_change: self.installation_change(),
             current_a,
         }
+    }
+
+    /// Standard deviations of roll and pitch, radians, if the own attitude is in use.
+    fn own_tilt_sigmas_rad(&self) -> Option<[f32; 2]> {
+        self.attitude_track.own_tilt_covariance().map(|covariance| [0, 1].map(|axis| sqrt(covariance[(axis, axis)])))
     }
 
     /// Estimate for a silent sensor, once the time without a reading exceeds the configured limit.
@@ -242,6 +266,7 @@ impl Instrument {
         Estimate {
             timestamp: at,
             attitude,
+            tilt_sigmas_rad: self.own_tilt_sigmas_rad(),
             installation_change: self.installation_change(),
             current_a,
             ..Estimate::EMPTY
@@ -254,9 +279,10 @@ impl Instrument {
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.active_calibration.stored_correction.sample_attitude {
             SampleAttitude::Interpolated => {
-                let euler_rates_at = |at| Some(self.attitude_history.gyro_heading_at(at)?.euler_rates);
-                let (at, mut sample) =
-                    self.pairing_queue.next_sample(|at| self.attitude_history.attitude_at(at), euler_rates_at)?;
+                let euler_rates_at = |at| Some(self.attitude_track.gyro_heading_at(at, 0)?.euler_rates);
+                let (at, mut sample) = self
+                    .pairing_queue
+                    .next_sample(|at| self.attitude_track.accurate_attitude_at(at), euler_rates_at)?;
                 sample.current = MotorCurrent::from_a(self.current_a(at));
                 self.pending_sample = Some((at, sample));
                 Some(sample)
@@ -282,8 +308,8 @@ impl Instrument {
         // A sample's time is the middle of its readings.
         let ahead_s = at.wrapping_millis().signed_ms_since(sample.time) as f32 * 1e-3;
         let gyro_heading = self
-            .attitude_history
-            .gyro_heading_at(self.attitude_lookup_time(at))
+            .attitude_track
+            .gyro_heading_at(at, self.attitude_latency_us())
             .map(|gyro_heading| gyro_heading.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
@@ -306,7 +332,7 @@ impl Instrument {
     pub const fn rejection_counts(&self) -> RejectionCounts {
         RejectionCounts {
             unpaired_readings: self.pairing_queue.unpaired_reading_count(),
-            rejected_reports: self.attitude_history.rejected_reports(),
+            rejected_reports: self.attitude_track.rejected_reports(),
             ..self.rejection_counts
         }
     }
@@ -327,8 +353,8 @@ impl Instrument {
         *counter = counter.wrapping_add(1);
     }
 
-    /// Lookup time of the attitude: `at` plus the calibration's attitude latency.
-    fn attitude_lookup_time(&self, at: Timestamp) -> Timestamp {
+    /// The calibration's attitude latency, microseconds.
+    fn attitude_latency_us(&self) -> i32 {
         let latency_s = self
             .active_calibration
             .stored_correction
@@ -336,11 +362,11 @@ impl Instrument {
             .as_ref()
             .map_or(0.0, |(calibration, _)| calibration.latency_s);
         // The cast saturates and maps NaN to 0.
-        at.plus_signed_us((latency_s * 1e6) as i32)
+        (latency_s * 1e6) as i32
     }
 
     fn attitude_at(&self, at: Timestamp) -> Result<RollPitch, NoHeading> {
-        match self.attitude_history.attitude_at(self.attitude_lookup_time(at)) {
+        match self.attitude_track.attitude_at(at, self.attitude_latency_us()) {
             AttitudeLookup::Interpolated(attitude) | AttitudeLookup::Extrapolated(attitude) => Ok(attitude),
             AttitudeLookup::Frozen => Err(NoHeading::AttitudeFrozen),
             AttitudeLookup::Contradicted => Err(NoHeading::AttitudeContradicted),
@@ -386,6 +412,15 @@ impl Instrument {
             .map_or(deviation.is_finite(), |max_deviation| deviation <= max_deviation)
     }
 
+    /// Heading variance by the tilt error of the own attitude, rad^2: an error about the field's horizontal direction turns
+    /// the heading by `tan(inclination)` times its size.
+    fn own_tilt_heading_variance_rad2(&self, inclination_rad: f32) -> f32 {
+        self.attitude_track.own_tilt_covariance().map_or(0.0, |covariance| {
+            let (sin, cos) = trig::sin_cos(inclination_rad);
+            square(sin / cos) * covariance.trace() / 2.0
+        })
+    }
+
     /// Heading of a reading without motor-current interference, and of its corrected field.
     #[inline(never)]
     fn compute_heading(
@@ -406,7 +441,8 @@ impl Instrument {
         let limits = if base.has_valid_inclination { limits } else { limits.without_inclination_limit() };
         let heading = heading::heading_from_corrected_field(limits, calibration, uncertainty, (field, body), attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
-            .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a));
+            .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a))
+            .with_added_systematic_variance(self.own_tilt_heading_variance_rad2(calibration.inclination_rad));
         if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {
             Ok(heading.rotated_by_deg(base.align_deg))
         } else {

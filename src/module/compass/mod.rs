@@ -35,6 +35,7 @@ use autoswing::calibration::Sample;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::collection::{CollectionState, Collector, RecentSamples, RetainedSamples};
 use autoswing::earth::LocalField;
+use autoswing::inertial::SensorOffsets;
 use autoswing::time::WrappingMillis;
 use persistent_state::PersistentState;
 use trial_solves::TrialSolves;
@@ -50,6 +51,7 @@ impl<'a> Compass<'a> {
             settings,
             stored_calibrations,
             sensor: None,
+            sensor_offsets: SensorOffsets::UNKNOWN,
             armed_state: ArmedState::UNKNOWN,
             local_field: LocalField::UNKNOWN,
             collector: Collector::new(retained),

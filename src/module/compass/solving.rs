@@ -102,6 +102,7 @@ impl Compass<'_> {
             sensor,
             mount: self.settings.mount,
             serial_number: current.map_or(1, |current| current.serial_number.wrapping_add(1)),
+            sensor_offsets: self.sensor_offsets,
         })
     }
 

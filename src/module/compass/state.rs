@@ -13,6 +13,7 @@ use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Advice, Sample};
 use autoswing::collection::{Collector, RecentSamples};
 use autoswing::earth::{LocalField, PositionContext};
+use autoswing::inertial::SensorOffsets;
 use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use autoswing::time::WrappingMillis;
 
@@ -28,6 +29,8 @@ pub struct Compass<'a> {
     pub(super) settings: Settings,
     pub(super) stored_calibrations: StoredCalibrations,
     pub(super) sensor: Option<DetectedSensor>,
+    /// Latest estimate of the offsets of gyro and accelerometer.
+    pub(super) sensor_offsets: SensorOffsets,
     pub(super) armed_state: ArmedState,
     pub(super) local_field: LocalField,
     pub(super) collector: Collector<'a>,
@@ -66,6 +69,11 @@ impl Compass<'_> {
         matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
     }
 
+    /// Updates the estimated offsets of gyro and accelerometer, which the next calibration includes.
+    pub const fn set_sensor_offsets(&mut self, offsets: SensorOffsets) {
+        self.sensor_offsets = offsets;
+    }
+
     /// Configuration of the instrument.
     #[must_use]
     pub fn instrument_correction(&self) -> Correction {
@@ -80,6 +88,8 @@ impl Compass<'_> {
             total_ut: self.model_field_strength_ut(),
             is_armed: self.armed_state.reported_state(),
             sensor_errors: sensor_error_sigmas(self.settings.sensor_error),
+            attitude_source: self.settings.attitude_source,
+            sensor_offsets: self.active_record().map_or(SensorOffsets::UNKNOWN, |record| record.sensor_offsets),
         }
     }
 

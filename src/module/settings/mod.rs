@@ -6,6 +6,7 @@ mod setting;
 
 use core::fmt;
 
+use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{ConsiderSigmas, Orientation};
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
 use setting::DependentState;
@@ -41,6 +42,8 @@ pub struct Settings {
     pub sends_vision_yaw: bool,
     /// Highest rate at which attitude is requested from a MAVLink autopilot, Hz.
     pub attitude_rate_hz: u8,
+    /// Source of the attitude.
+    pub attitude_source: AttitudeSource,
     /// Key of MAVLink's signatures; with a key, frames without a valid signature are rejected.
     pub signing_key: Option<SigningKey>,
     /// Node on a CAN bus.
@@ -135,6 +138,7 @@ impl Settings {
         ports: PortSettings::DEFAULT_OF_PORTS,
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
+        attitude_source: AttitudeSource::Automatic,
         signing_key: None,
         can: CanSettings::DEFAULT,
         sensor_error: SensorErrorSetting::DEFAULT,
@@ -216,7 +220,7 @@ const RANGE_OF_SENSOR_ERRORS: &str =
 ///
 /// `stream on`, `stream off` and `set align` are commands of their own. The rate of headings, and of the field, is at
 /// most the measurement rate.
-pub static SETTINGS: [Setting; 24] = setting_rows! {
+pub static SETTINGS: [Setting; 25] = setting_rows! {
     "STREAM" 17, stored 7: Switch(|s| &mut s.stream_on, ON_OR_OFF),
         ["", ""] "": "",
         shown ["stream", "", ""], refused "on or off";
@@ -287,6 +291,10 @@ pub static SETTINGS: [Setting; 24] = setting_rows! {
         ["set", "vision"] "SWITCH":
             "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination",
         shown ["vision", "", ""], refused "on or off";
+    "ATTITUDE" 23, stored 31: Choice(|s| &mut s.attitude_source),
+        ["set", "attitude"] "SOURCE":
+            "roll and pitch: of the autopilot, own of the board's gyro, or auto: own where no autopilot sends any",
+        shown ["attitude-source", "", ""], refused "a source of attitude is autopilot, own or auto", used by Solve;
     // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
     "ATTITUDE_RATE" 10, stored 23: Whole(|s| &mut s.attitude_rate_hz, [20, 50], "a second", None),
         ["set", "attitude-rate"] "HZ": "highest rate at which attitude is requested from a MAVLink autopilot",

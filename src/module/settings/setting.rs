@@ -4,6 +4,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Orientation;
 use autoswing::earth::EarthField;
 
@@ -118,6 +119,20 @@ impl Choice for Orientation {
 
     fn nth_name(&self, number: u8) -> Option<&'static str> {
         Some(Self::from_number(number)).filter(|orientation| orientation.is_valid()).map(Self::orientation_name)
+    }
+}
+
+impl Choice for AttitudeSource {
+    fn number(&self) -> u8 {
+        *self as u8
+    }
+
+    fn set_number(&mut self, number: u8) {
+        *self = Self::ALL_SOURCES.get(usize::from(number)).map_or(*self, |(source, _)| *source);
+    }
+
+    fn nth_name(&self, number: u8) -> Option<&'static str> {
+        Self::ALL_SOURCES.get(usize::from(number)).map(|(_, name)| *name)
     }
 }
 

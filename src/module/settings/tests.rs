@@ -163,5 +163,5 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
         })
         .map(|setting| setting.parameter_name)
         .collect();
-    assert_eq!(used, ["MOUNT", "INCLINATION", "ATT_ERROR_DEG", "ATT_ERROR_BANK"]);
+    assert_eq!(used, ["MOUNT", "INCLINATION", "ATT_ERROR_DEG", "ATT_ERROR_BANK", "ATTITUDE"]);
 }

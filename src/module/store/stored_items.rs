@@ -8,6 +8,7 @@ use autoswing::calibration::{
     AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
     Quality,
 };
+use autoswing::inertial::SensorOffsets;
 use autoswing::reading::{Identity, MagnetometerModel};
 
 /// Pages for calibrations: two that the valid state refers to, and two for the next state.
@@ -28,6 +29,8 @@ pub struct CalibrationRecord {
     pub mount: Orientation,
     /// Sequence number of accepted calibrations.
     pub serial_number: u32,
+    /// Offsets of the module's gyro and accelerometer at the end of the collection.
+    pub sensor_offsets: SensorOffsets,
 }
 
 impl CalibrationRecord {
@@ -44,6 +47,7 @@ impl CalibrationRecord {
                 .iter()
                 .all(|number| number.is_finite())
             && self.mount.is_valid()
+            && self.sensor_offsets.is_finite()
     }
 }
 
@@ -67,11 +71,12 @@ impl StoredFields for CalibrationRecord {
             sensor: Identity { model: MagnetometerModel::Lis3mdl, address: 0 },
             mount: Orientation::IDENTITY_ROTATION,
             serial_number: 0,
+            sensor_offsets: SensorOffsets::UNKNOWN,
         }
     }
 
     fn visit_fields(&mut self, visitor: &mut impl FieldVisitor) {
-        let Self { calibration, quality, uncertainty, sensor, mount, serial_number: serial } = self;
+        let Self { calibration, quality, uncertainty, sensor, mount, serial_number: serial, sensor_offsets } = self;
         let Calibration { w, b_ut, inclination_rad, total_ut, latency_s, motor_current: current } = calibration;
         visitor.visit_required(1, w);
         visitor.visit_required(2, b_ut);
@@ -112,6 +117,8 @@ impl StoredFields for CalibrationRecord {
         visitor.visit_required(23, mount);
         visitor.visit_required(24, serial);
         visitor.visit_required(25, knows_inclination);
+        visitor.visit_optional(26, &mut sensor_offsets.gyro_rad_s);
+        visitor.visit_optional(27, &mut sensor_offsets.accelerometer_m_s2);
     }
 
     fn is_valid(&self) -> bool {

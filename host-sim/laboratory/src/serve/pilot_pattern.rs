@@ -47,7 +47,7 @@ impl PilotPattern {
             VehicleKind::Plane | VehicleKind::Vtol => {
                 Leg::Turn { bank_deg: CIRCLE_BANK_DEG, heading_change_deg: change_deg }
             }
-            VehicleKind::Copter | VehicleKind::Rover | VehicleKind::Boat => {
+            VehicleKind::Copter | VehicleKind::Rover | VehicleKind::Boat | VehicleKind::Hand => {
                 Leg::Yaw { rate_deg_s: CIRCLE_RATE_DEG_S, heading_change_deg: change_deg }
             }
         };

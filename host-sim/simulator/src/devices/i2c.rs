@@ -1,9 +1,9 @@
 //! I2C bus in fast mode (400 kHz).
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation, SevenBitAddress};
 
 /// Nine clocks (eight bits and the acknowledge) at 400 kHz: 22.5 us per byte.
@@ -39,10 +39,12 @@ impl Error for BusError {
     }
 }
 
-/// Cloneable handle to the bus. A transaction takes the time of its bytes and takes effect at its end.
+/// Cloneable handle to the bus. A transaction waits for earlier ones, takes the time of its bytes and takes effect at its
+/// end.
 #[derive(Clone, Default)]
 pub struct SimulatedI2cBus {
     devices: Rc<RefCell<Vec<SharedI2cDevice>>>,
+    busy_until: Rc<Cell<Option<Instant>>>,
 }
 
 impl SimulatedI2cBus {
@@ -55,6 +57,13 @@ impl SimulatedI2cBus {
     /// Connects a device to the bus.
     pub fn attach_device(&self, device: SharedI2cDevice) {
         self.devices.borrow_mut().push(device);
+    }
+
+    async fn wait_for_transfer(&self, bytes: usize) {
+        let now = Instant::now();
+        let end = self.busy_until.get().map_or(now, |until| until.max(now)) + transfer_duration(bytes);
+        self.busy_until.set(Some(end));
+        Timer::at(end).await;
     }
 
     fn device_at(&self, address: SevenBitAddress) -> Option<SharedI2cDevice> {
@@ -73,13 +82,13 @@ impl I2c for SimulatedI2cBus {
         operations: &mut [Operation<'_>],
     ) -> Result<(), Self::Error> {
         let Some(device) = self.device_at(address) else {
-            Timer::after(transfer_duration(1)).await;
+            self.wait_for_transfer(1).await;
             return Err(BusError::NoAcknowledge(address));
         };
         // Each operation sends the address. By embedded-hal adjacent writes, or reads, share one address, but no driver
         // has adjacent ones.
         let bytes: usize = operations.iter().map(|operation| 1 + operation_length(operation)).sum();
-        Timer::after(transfer_duration(bytes)).await;
+        self.wait_for_transfer(bytes).await;
         let mut device = device.borrow_mut();
         for operation in operations {
             match operation {

@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use autoswing_firmware::wire::nmea;
 use embassy_time::{Duration, Timer};
 use mavlink_dialect::ATTITUDE_DATA;
 use testkit::clock;
@@ -23,6 +24,8 @@ pub enum FarEnd {
     Unconnected,
     /// Autopilot that only sends attitude and heartbeats.
     SendOnly,
+    /// Satellite receiver that sends its speed by NMEA, of vehicles that move along their nose; others have none.
+    SatelliteReceiver,
     /// Autopilot with bidirectional MAVLink.
     Mavlink(mavlink_autopilot::MavlinkFirmware),
     /// Autopilot that uses the module as its MSP compass, with faults in what it sends.
@@ -53,6 +56,12 @@ impl FarEnd {
         let latency_us = source.latency_us();
         match self {
             Self::Unconnected => AttachedDevice::SendOnly,
+            Self::SatelliteReceiver => {
+                if world.world_config().aircraft.kind.moves_along_nose() {
+                    simulation.spawn(ExecutorLevel::World, "satellite receiver", run_satellite_receiver(world, uart));
+                }
+                AttachedDevice::SendOnly
+            }
             Self::SendOnly => {
                 simulation.spawn(ExecutorLevel::World, "attitude source", source.run_source(world, uart, faults));
                 AttachedDevice::SendOnly
@@ -77,6 +86,20 @@ impl FarEnd {
 }
 
 const POLL_INTERVAL_US: u64 = 1_000;
+
+/// Interval of a satellite receiver's sentences, and the age of its speed, microseconds (u-blox NEO-M8 at 5 Hz).
+const SPEED_INTERVAL_US: u64 = 200_000;
+const SPEED_AGE_US: u64 = 100_000;
+
+async fn run_satellite_receiver(world: World, uart: HostEnd) {
+    loop {
+        let truth = world.true_state(clock::now_us().saturating_sub(SPEED_AGE_US));
+        let speed_m_s = libm::hypot(truth.north_m_s, truth.east_m_s);
+        let body = format!("GPVTG,,T,,M,{:.3},N,{:.3},K,A", speed_m_s / 0.514_444, speed_m_s * 3.6);
+        uart.send_bytes(format!("${body}*{:02X}\r\n", nmea::checksum(body.as_bytes())).as_bytes());
+        Timer::after(Duration::from_micros(SPEED_INTERVAL_US)).await;
+    }
+}
 
 async fn run_mavlink(
     device: Rc<RefCell<MavlinkAutopilot>>,

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use autoswing::attitude::AttitudeSource;
 use serde::Deserialize;
 
 use super::aircraft::VehicleKind;
@@ -36,6 +37,9 @@ pub struct WorldConfig {
     pub reports_current: bool,
     /// Magnetometer of the module.
     pub sensor: SensorModel,
+    /// Source of the module's attitude: of the autopilot alone, and the module has no gyro; of its own gyro, and there is no
+    /// autopilot; or of both.
+    pub attitude: AttitudeSource,
     /// Whether an attitude source that answers no requests reports position and date, in Xi'an.
     pub reports_position: bool,
 }
@@ -133,6 +137,7 @@ impl WorldConfig {
             reports_current: false,
             sensor: SensorModel::default(),
             reports_position: false,
+            attitude: AttitudeSource::Autopilot,
         };
         config.validate()?;
         Ok(config)
@@ -152,6 +157,7 @@ impl WorldConfig {
             reports_current: false,
             sensor: SensorModel::default(),
             reports_position: false,
+            attitude: AttitudeSource::Autopilot,
         }
     }
 

@@ -10,7 +10,7 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use crate::app::task_links::SensorDetection;
 use crate::app::{SetBaud, Watchdog};
-use crate::chip::ChipError;
+use crate::chip::{ChipError, MeasuringChip};
 use crate::magnetometer::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
@@ -62,8 +62,10 @@ impl DeviceBehaviour {
     }
 }
 
-impl Magnetometer for FakeMagnetometer {
+impl MeasuringChip for FakeMagnetometer {
     type BusError = ();
+    type Identity = Identity;
+    type Measurement = Reading;
 
     async fn init(&mut self) -> Result<Identity, ChipError<()>> {
         self.init_count.set(self.init_count.get() + 1);
@@ -76,10 +78,6 @@ impl Magnetometer for FakeMagnetometer {
         self.verify_behaviour.get().access_registers().await
     }
 
-    fn equal_readings_until_stuck(&self) -> u16 {
-        Self::EQUAL_READINGS_UNTIL_STUCK
-    }
-
     async fn read_measurement(&mut self) -> Result<Reading, ChipError<()>> {
         Timer::after(Duration::from_micros(Self::PERIOD_US.into())).await;
         self.read_behaviour.get().access_registers().await?;
@@ -89,6 +87,12 @@ impl Magnetometer for FakeMagnetometer {
 
     fn period_us(&self) -> u32 {
         Self::PERIOD_US
+    }
+}
+
+impl Magnetometer for FakeMagnetometer {
+    fn equal_readings_until_stuck(&self) -> u16 {
+        Self::EQUAL_READINGS_UNTIL_STUCK
     }
 }
 

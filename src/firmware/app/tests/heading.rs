@@ -5,7 +5,7 @@ use std::rc::Rc;
 use super::TaskBench;
 use super::devices::DETECTED_SENSOR;
 use crate::app::instrument;
-use crate::app::task_links::{SensorDetection, publish_value, stamped_now, subscribe};
+use crate::app::task_links::{AttitudeInput, SensorDetection, Timestamped, now, publish_value, subscribe};
 use autoswing::attitude::{AttitudeReport, SenderId};
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
 use autoswing::frames::{Field, RollPitch};
@@ -36,7 +36,7 @@ fn send_reading(bench: &TaskBench, heading_rad: f32) {
     let field = Field::new(RollPitch::default().to_body_frame(Field::earth_field(50.0, 1.0, heading_rad)).ut);
     bench.links.queue_or_count(
         &bench.links.readings,
-        stamped_now(Reading { field, is_saturated: false, was_overwritten: false }),
+        Timestamped { timestamp: now(), value: Reading { field, is_saturated: false, was_overwritten: false } },
     );
 }
 
@@ -47,7 +47,8 @@ fn send_level_attitude(bench: &TaskBench) {
         attitude: RollPitch::default(),
         body_rates: None,
     };
-    bench.links.queue_or_count(&bench.links.attitude_reports, stamped_now(report));
+    let input = Timestamped { timestamp: now(), value: AttitudeInput::Report(report) };
+    bench.links.queue_or_count(&bench.links.attitude_inputs, input);
 }
 
 fn latest_estimate(bench: &TaskBench) -> Estimate {

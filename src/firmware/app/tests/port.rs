@@ -7,9 +7,10 @@ use testkit::frames::{mavlink_attitude, mavlink_heartbeat};
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, FakeReceiver, FakeTransmitter};
 use crate::app::port;
-use crate::app::task_links::{Timestamped, publish_value, subscribe};
+use crate::app::task_links::{AttitudeInput, Timestamped, publish_value, subscribe};
 use autoswing::attitude::AttitudeReport;
 use autoswing::heading::{Heading, NoHeading};
+use autoswing::time::Timestamp;
 use autoswing_module::messages::Message;
 use autoswing_module::settings::SettingValue::Whole;
 use autoswing_module::settings::{BaudRate, PortNumber, ProtocolKind, SettingChange, Settings};
@@ -41,8 +42,17 @@ fn bench_with_port(number: PortNumber) -> (TaskBench, FakeReceiver, FakeTransmit
 }
 
 fn received_rolls_rad(bench: &TaskBench) -> Vec<f32> {
-    let reports = std::iter::from_fn(|| bench.links.attitude_reports.try_receive().ok());
-    reports.map(|report| report.value.attitude.roll_rad).collect()
+    received_reports(bench).into_iter().map(|(_, report)| report.attitude.roll_rad).collect()
+}
+
+fn received_reports(bench: &TaskBench) -> Vec<(Timestamp, AttitudeReport)> {
+    let inputs = std::iter::from_fn(|| bench.links.attitude_inputs.try_receive().ok());
+    inputs
+        .map(|Timestamped { timestamp, value }| match value {
+            AttitudeInput::Report(report) => (timestamp, report),
+            AttitudeInput::Own(estimate) => panic!("{estimate:?}"),
+        })
+        .collect()
 }
 
 const NORTH: Result<Heading, NoHeading> =
@@ -56,11 +66,10 @@ fn reports_are_passed_on_with_their_arrival_and_counted() {
     broken[15] ^= 1;
     line.queue_bytes(&[attitude_frame(0.1), broken, attitude_frame(0.3)].concat());
     bench.run_for_ms(1);
-    let reports: Vec<Timestamped<AttitudeReport>> =
-        std::iter::from_fn(|| bench.links.attitude_reports.try_receive().ok()).collect();
-    let rolls: Vec<f32> = reports.iter().map(|report| report.value.attitude.roll_rad).collect();
+    let reports = received_reports(&bench);
+    let rolls: Vec<f32> = reports.iter().map(|(_, report)| report.attitude.roll_rad).collect();
     assert_eq!(rolls, [0.1, 0.3]);
-    assert!(reports.iter().all(|report| (5_000..=6_000).contains(&report.timestamp.as_us())), "{reports:?}");
+    assert!(reports.iter().all(|(at, _)| (5_000..=6_000).contains(&at.as_us())), "{reports:?}");
     // Rejected frames are counted with the next estimate.
     bench.publish_estimates(NORTH, 10);
     let counts = bench.links.event_counts();

@@ -14,7 +14,7 @@ use autoswing::calibration::{
 use autoswing::collection::{CollectionContext, Collector, RetainedSamples};
 use autoswing::frames::{Field, RollPitch, Sensor};
 use autoswing::heading::{Heading, HeadingLimits, compute_heading};
-use autoswing::inertial::{AttitudeFilter, GRAVITY_M_S2, InertialSample, InertialSensorErrors};
+use autoswing::inertial::{AttitudeFilter, GRAVITY_M_S2, InertialSample, InertialSensorErrors, SensorOffsets};
 use autoswing::instrument::{Correction, Estimate, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
 use autoswing::time::{Timestamp, WrappingMillis};
@@ -243,7 +243,7 @@ fn monitor_instructions(solution: &Solution) -> u64 {
 #[inline(never)]
 fn inertial_instructions() -> u64 {
     const PERIOD_US: u64 = 4_808;
-    let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED);
+    let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED, SensorOffsets::UNKNOWN);
     let sample = InertialSample {
         rates_rad_s: [0.01, -0.01, 0.005].into(),
         specific_force_m_s2: [0.5, 1.0, -GRAVITY_M_S2].into(),

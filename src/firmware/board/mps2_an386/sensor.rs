@@ -2,7 +2,7 @@
 
 use autoswing::frames::{Field, Sensor as SensorFrame};
 use autoswing::reading::{Identity, Reading};
-use autoswing_firmware::chip::ChipError;
+use autoswing_firmware::chip::{ChipError, MeasuringChip};
 use autoswing_firmware::magnetometer::Magnetometer;
 use autoswing_firmware::magnetometer::lsm303dlhc::{Lsm303dlhc, Lsm303dlhcConfig, Lsm303dlhcRange};
 
@@ -21,8 +21,10 @@ impl Sensor {
     }
 }
 
-impl Magnetometer for Sensor {
+impl MeasuringChip for Sensor {
     type BusError = NoAcknowledge;
+    type Identity = Identity;
+    type Measurement = Reading;
 
     async fn init(&mut self) -> Result<Identity, ChipError<NoAcknowledge>> {
         self.0.init().await
@@ -39,11 +41,13 @@ impl Magnetometer for Sensor {
         self.0.verify_configuration().await
     }
 
-    fn equal_readings_until_stuck(&self) -> u16 {
-        self.0.equal_readings_until_stuck()
-    }
-
     fn period_us(&self) -> u32 {
         self.0.period_us()
+    }
+}
+
+impl Magnetometer for Sensor {
+    fn equal_readings_until_stuck(&self) -> u16 {
+        self.0.equal_readings_until_stuck()
     }
 }

@@ -47,6 +47,8 @@ pub fn spawn_all_tasks(heading_spawner: SendSpawner, slow_spawner: SendSpawner, 
     }
     board_uarts::spawn_uart_tasks(links, (heading_spawner, slow_spawner), hardware.uarts, restart);
     heading_spawner.spawn(expect_spawn_token(sensor_task(links, hardware.magnetometer)));
+    #[cfg(feature = "board-b-l475e-iot01a")]
+    heading_spawner.spawn(expect_spawn_token(inertial_sensor_task(links, hardware.inertial_sensor)));
     heading_spawner.spawn(expect_spawn_token(instrument_task(links)));
     heading_spawner.spawn(expect_spawn_token(watchdog_task(links, hardware.watchdog)));
     heading_spawner.spawn(expect_spawn_token(panel_task(links, hardware.panel)));
@@ -56,6 +58,12 @@ pub fn spawn_all_tasks(heading_spawner: SendSpawner, slow_spawner: SendSpawner, 
 #[embassy_executor::task]
 async fn sensor_task(links: &'static TaskLinks, magnetometer: Magnetometer) -> ! {
     app::sensor::run_sensor(links, magnetometer).await
+}
+
+#[cfg(feature = "board-b-l475e-iot01a")]
+#[embassy_executor::task]
+async fn inertial_sensor_task(links: &'static TaskLinks, sensor: super::chosen::InertialSensor) -> ! {
+    app::inertial::run_inertial_sensor(links, sensor).await
 }
 
 #[embassy_executor::task]

@@ -217,7 +217,7 @@ fn partial_words_are_completed() {
         ("cal solve m", "aximum-likelihood", 1),
         ("cal clear ", "all", 1),
         ("cal nonsense ", "", 0),
-        ("set att", "itude-", 2),
+        ("set att", "itude", 3),
         ("set attitude-error d", "efault", 1),
         ("set attitude-error 1 d", "", 0),
         ("set mount roll180-p", "itch", 2),

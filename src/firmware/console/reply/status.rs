@@ -240,6 +240,13 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",
         counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_register_upsets
     )?;
+    if counts.inertial_readings > 0 {
+        writeln!(
+            out,
+            "gyro: {} readings, {} errors, {} register upsets repaired",
+            counts.inertial_readings, counts.inertial_errors, counts.inertial_register_upsets
+        )?;
+    }
     writeln!(
         out,
         "rejected readings: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates",

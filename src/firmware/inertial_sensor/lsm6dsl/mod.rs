@@ -8,7 +8,7 @@ use embedded_hal_async::i2c::I2c;
 use nalgebra::Vector3;
 
 use super::driver::{InertialReading, InertialSensor};
-use crate::chip::{self, ChipError, I2cRegisters, PollingSchedule};
+use crate::chip::{self, ChipError, I2cRegisters, MeasuringChip, PollingSchedule};
 use autoswing::inertial::{GRAVITY_M_S2, InertialSample, InertialSensorErrors};
 use autoswing::trig::DEG;
 
@@ -118,8 +118,10 @@ impl<B: I2c> Lsm6dsl<B> {
     }
 }
 
-impl<B: I2c> InertialSensor for Lsm6dsl<B> {
+impl<B: I2c> MeasuringChip for Lsm6dsl<B> {
     type BusError = B::Error;
+    type Identity = ();
+    type Measurement = InertialReading;
 
     async fn init(&mut self) -> Result<(), ChipError<B::Error>> {
         match self.chip.read_registers(WHO_AM_I).await? {
@@ -150,17 +152,21 @@ impl<B: I2c> InertialSensor for Lsm6dsl<B> {
         chip::compare_readback(CONTROL_REGISTERS, self.chip.read_registers(CTRL1_XL).await?)
     }
 
-    /// Table 3: zero-rate level 3 deg/s, zero-g level 40 mg, sensitivity 1 %.
+    fn period_us(&self) -> u32 {
+        PERIOD_US
+    }
+}
+
+impl<B: I2c> InertialSensor for Lsm6dsl<B> {
+    /// Table 3: zero-rate level 3 deg/s, zero-g level 40 mg, sensitivity 1 %. Cross-axis sensitivity: half of the 2 % of the
+    /// MPU-6000 (PS-MPU-6000A rev. 3.4), because ST gives none.
     fn sensor_errors(&self) -> InertialSensorErrors {
         InertialSensorErrors {
             gyro_offset_rad_s: 3.0 * DEG,
             gyro_scale: 0.01,
+            gyro_cross_axis: 0.01,
             accelerometer_offset_m_s2: 0.04 * GRAVITY_M_S2,
         }
-    }
-
-    fn period_us(&self) -> u32 {
-        PERIOD_US
     }
 }
 

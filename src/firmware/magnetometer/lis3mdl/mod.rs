@@ -5,7 +5,7 @@
 
 use embedded_hal_async::i2c::I2c;
 
-use crate::chip::{self, ChipError, I2cRegisters, PollingSchedule};
+use crate::chip::{self, ChipError, I2cRegisters, MeasuringChip, PollingSchedule};
 use crate::magnetometer::driver::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
@@ -121,8 +121,10 @@ impl<B: I2c> Lis3mdl<B> {
     }
 }
 
-impl<B: I2c> Magnetometer for Lis3mdl<B> {
+impl<B: I2c> MeasuringChip for Lis3mdl<B> {
     type BusError = B::Error;
+    type Identity = Identity;
+    type Measurement = Reading;
 
     async fn init(&mut self) -> Result<Identity, ChipError<B::Error>> {
         match self.read_registers(WHO_AM_I).await? {
@@ -155,14 +157,16 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
         chip::compare_readback(self.control_registers(), self.read_registers(CTRL_REG1).await?)
     }
 
+    fn period_us(&self) -> u32 {
+        PERIOD_US
+    }
+}
+
+impl<B: I2c> Magnetometer for Lis3mdl<B> {
     /// Noise of 22 counts repeats a value once in eighty readings, a tenth of that noise once in six. Twelve readings
     /// take 0.15 s, less than 3 deg of a turn at 35 deg of bank.
     fn equal_readings_until_stuck(&self) -> u16 {
         12
-    }
-
-    fn period_us(&self) -> u32 {
-        PERIOD_US
     }
 }
 

@@ -6,7 +6,7 @@
 use embassy_time::Timer;
 use embedded_hal_async::spi::SpiDevice;
 
-use crate::chip::{self, ChipError, PollingSchedule, SpiRegisters};
+use crate::chip::{self, ChipError, MeasuringChip, PollingSchedule, SpiRegisters};
 use crate::magnetometer::driver::Magnetometer;
 use autoswing::frames::Field;
 use autoswing::reading::{Identity, MagnetometerModel, Reading};
@@ -97,8 +97,10 @@ impl<S: SpiDevice> Rm3100<S> {
     }
 }
 
-impl<S: SpiDevice> Magnetometer for Rm3100<S> {
+impl<S: SpiDevice> MeasuringChip for Rm3100<S> {
     type BusError = S::Error;
+    type Identity = Identity;
+    type Measurement = Reading;
 
     async fn init(&mut self) -> Result<Identity, ChipError<S::Error>> {
         match self.chip.read_registers(REVID_REGISTER).await? {
@@ -134,14 +136,16 @@ impl<S: SpiDevice> Magnetometer for Rm3100<S> {
         chip::compare_readback([RATE_75_HZ], self.chip.read_registers(TMRC_REGISTER).await?)
     }
 
+    fn period_us(&self) -> u32 {
+        PERIOD_US
+    }
+}
+
+impl<S: SpiDevice> Magnetometer for Rm3100<S> {
     /// Noise of 1.1 counts repeats the middle value in every third reading, half of that noise in two of three. 48 in a
     /// row then occur every other year.
     fn equal_readings_until_stuck(&self) -> u16 {
         48
-    }
-
-    fn period_us(&self) -> u32 {
-        PERIOD_US
     }
 }
 

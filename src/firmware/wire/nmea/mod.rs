@@ -1,14 +1,20 @@
-//! NMEA 0183 heading sentences: `HCHDM`, `HCHDG`, `HCHDT`, and the proprietary `PASWH` with the heading's quality.
+//! NMEA 0183: heading sentences `HCHDM`, `HCHDG`, `HCHDT`, and the proprietary `PASWH` with the heading's quality; rate of
+//! turn and attitude, `HCROT`, `HCXDR`, `PASHR`; the speed of a satellite receiver, `RMC` and `VTG`.
 //!
 //! Written without `core::fmt`, which takes 2,000 instructions for a sentence.
 
+mod speed;
+
+pub use speed::SpeedReceiver;
+
+use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing_module::settings::HeadingKind;
 
 /// ASCII sentence with checksum and line end; at most 82 characters by the standard.
 pub type Sentence = heapless::Vec<u8, 82>;
 
-/// `None` if the sentence is full, which never happens: bodies have at most 40 characters.
+/// `None` if the sentence is full, which never happens: bodies have at most 70 characters.
 type WriteResult = Option<()>;
 
 /// `$HCHDM,hhh.h,M*cs`: magnetic heading; the field is empty without a valid heading.
@@ -76,6 +82,61 @@ pub fn quality_sentence(heading: &Result<Heading, NoHeading>, kind: HeadingKind)
     })
 }
 
+/// `$HCROT,r.r,A*cs`: rate of turn, degrees per minute, to starboard positive.
+#[must_use]
+pub fn rot_sentence(turn_rate_rad_s: f32) -> Sentence {
+    build_sentence(|body| {
+        put_text(body, "HCROT,")?;
+        put_signed(body, 60.0 * turn_rate_rad_s.to_degrees())?;
+        put_text(body, ",A")
+    })
+}
+
+/// `$HCXDR,A,p.p,D,PTCH,A,r.r,D,ROLL*cs`: pitch, nose up positive, and roll, starboard down positive, degrees.
+#[must_use]
+pub fn xdr_sentence(attitude: RollPitch) -> Sentence {
+    build_sentence(|body| {
+        for (prefix, angle_rad, name) in
+            [("HCXDR,A,", attitude.pitch_rad, ",D,PTCH"), (",A,", attitude.roll_rad, ",D,ROLL")]
+        {
+            put_text(body, prefix)?;
+            put_signed(body, angle_rad.to_degrees())?;
+            put_text(body, name)?;
+        }
+        Some(())
+    })
+}
+
+/// `$PASHR,,hhh.h,T,r.r,p.p,,s.s,s.s,s.s,0,1*cs`: true heading, roll, pitch, and the standard deviations of roll, pitch and
+/// heading, degrees. Time and heave are empty, as the heading without a valid one; no satellite receiver, sensors aligned.
+#[must_use]
+pub fn pashr_sentence(
+    true_heading_deg: Option<f32>,
+    attitude: RollPitch,
+    tilt_sigmas_rad: [f32; 2],
+    heading_sigma_deg: Option<f32>,
+) -> Sentence {
+    build_sentence(|body| {
+        put_text(body, "PASHR,,")?;
+        put_heading(body, true_heading_deg)?;
+        put_text(body, ",T")?;
+        for angle_rad in [attitude.roll_rad, attitude.pitch_rad] {
+            put_text(body, ",")?;
+            put_signed(body, angle_rad.to_degrees())?;
+        }
+        put_text(body, ",")?;
+        for sigma_rad in tilt_sigmas_rad {
+            put_text(body, ",")?;
+            put_tenths(body, rounded_tenths(sigma_rad.to_degrees().min(180.0)), 1)?;
+        }
+        put_text(body, ",")?;
+        if let Some(sigma_deg) = heading_sigma_deg {
+            put_tenths(body, rounded_tenths(sigma_deg.min(180.0)), 1)?;
+        }
+        put_text(body, ",0,1")
+    })
+}
+
 fn put_text(body: &mut Sentence, text: &str) -> WriteResult {
     body.extend_from_slice(text.as_bytes()).ok()
 }
@@ -86,6 +147,15 @@ fn put_heading(body: &mut Sentence, heading_deg: Option<f32>) -> WriteResult {
     // Rounded before it is wrapped, so that 359.97 becomes 000.0 and never 360.0.
     let tenths = (heading_deg * 10.0 + 0.5_f32.copysign(heading_deg)) as i32;
     put_tenths(body, tenths.rem_euclid(3600).unsigned_abs(), 3)
+}
+
+/// Writes a number with one decimal, and a minus if it is negative.
+fn put_signed(body: &mut Sentence, value: f32) -> WriteResult {
+    let tenths = rounded_tenths(value.abs());
+    if value < 0.0 && tenths > 0 {
+        put_text(body, "-")?;
+    }
+    put_tenths(body, tenths, 1)
 }
 
 fn rounded_tenths(value: f32) -> u32 {
@@ -125,7 +195,7 @@ fn build_sentence(fill: impl FnOnce(&mut Sentence) -> WriteResult) -> Sentence {
         let checksum = checksum(out.get(1..).unwrap_or_default());
         let [high, low] = [checksum >> 4, checksum & 15].map(|nibble| HEX_DIGITS[usize::from(nibble)]);
         let ending = [b'*', high, low, b'\r', b'\n'];
-        // There is room: bodies have at most 40 characters.
+        // There is room: bodies have at most 70 characters.
         let _ = out.extend_from_slice(&ending);
     }
     out

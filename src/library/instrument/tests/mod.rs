@@ -503,11 +503,11 @@ fn ten_reports_with_contradicting_rates_restart_the_monitor() {
         let mut consecutive = 0;
         for i in 0..500_u16 {
             let t_s = f32::from(i) * 0.02;
-            let before = instrument.attitude_history.rejected_reports().rate_contradictions;
+            let before = instrument.attitude_track.rejected_reports().rate_contradictions;
             let attitude = RollPitch::from_deg(5.0 + 10.0 * t_s.sin(), 0.0);
             let rates_rad_s = [rate_sign * 10_f32.to_radians() * t_s.cos(), 0.0, 0.0];
             report_with_rates(&mut instrument, 10_000_000 + u64::from(i) * 20_000, attitude, rates_rad_s);
-            let is_rejected = instrument.attitude_history.rejected_reports().rate_contradictions != before;
+            let is_rejected = instrument.attitude_track.rejected_reports().rate_contradictions != before;
             consecutive = if is_rejected { consecutive + 1 } else { 0 };
             assert_eq!(*instrument.monitor.monitor_output() == initial, consecutive >= 10, "{rate_sign} {i}");
         }

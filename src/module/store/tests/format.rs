@@ -1,5 +1,7 @@
 //! Stored bytes, and extension of the format.
 
+use autoswing::attitude::AttitudeSource;
+use autoswing::inertial::SensorOffsets;
 use serde::Serialize;
 
 use super::*;
@@ -77,14 +79,14 @@ const FIRST_RELEASE_STATE: &str = "
     1826569a ffff";
 /// Items with the fields added since the first release.
 const LATER_STATE: &str = "
-    01 b900
+    01 bd00
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
     06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
     14 0100 01  15 0100 01  16 0100 00  17 0100 28
     18 2100 01 0707070707070707070707070707070707070707070707070707070707070707
-    19 0100 2a  1a 0100 14  1b 0100 01  1c 0400 0000a040  1d 0400 0000003f  1e 0100 01
-    3097ce83";
+    19 0100 2a  1a 0100 14  1b 0100 01  1c 0400 0000a040  1d 0400 0000003f  1e 0100 01  1f 0100 01
+    88e964be ffffffff";
 const CALIBRATION_BEGIN: &str = "
     01 ba01
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
@@ -98,15 +100,27 @@ const CALIBRATION_END: &str = "
     19 0100 01
     0acbef1b ffffffffffffff";
 
-/// Bytes of a calibration. The 240 bytes of the reduced covariance, between beginning and end, are zero.
-fn pinned_calibration_bytes() -> Vec<u8> {
-    [bytes_from_hex(CALIBRATION_BEGIN), vec![0; 240], bytes_from_hex(CALIBRATION_END)].concat()
+/// End of a calibration with the fields added since the first release.
+const LATER_CALIBRATION_END: &str = "
+    13 0400 6f12033b  14 0400 00000000  15 0100 01  16 0100 1e  17 0100 00  18 0100 07
+    19 0100 01  1a 0c00 0000803f 00000040 00004040  1b 0c00 00008040 0000a040 0000c040
+    a2dfd527 ff";
+
+/// Bytes of a calibration with the length of its fields. The 240 bytes of the reduced covariance, between beginning and end,
+/// are zero.
+fn pinned_calibration_bytes(field_length: [u8; 2], end: &str) -> Vec<u8> {
+    let mut bytes = [bytes_from_hex(CALIBRATION_BEGIN), vec![0; 240], bytes_from_hex(end)].concat();
+    bytes[1..3].copy_from_slice(&field_length);
+    bytes
 }
+
+const FIRST_CALIBRATION_LENGTH: [u8; 2] = [0xBA, 0x01];
 
 #[test]
 fn items_of_the_first_release_are_read() {
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(FIRST_RELEASE_STATE))), Ok(stored_state()));
-    assert_eq!(fields::decode_fields(&field_bytes_of_item(&pinned_calibration_bytes())), Ok(full_calibration_record()));
+    let calibration = pinned_calibration_bytes(FIRST_CALIBRATION_LENGTH, CALIBRATION_END);
+    assert_eq!(fields::decode_fields(&field_bytes_of_item(&calibration)), Ok(full_calibration_record()));
 }
 
 /// If this fails, the written bytes have changed. After appending a field, add its bytes to the later item.
@@ -116,9 +130,12 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
     later.settings.signing_key = Some(SigningKey([7; 32]));
     later.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     later.settings.sensor_error = SensorErrorSetting { gyro_percent: 5.0, drift_percent: 0.5 };
+    later.settings.attitude_source = AttitudeSource::Own;
     assert_eq!(encoded_item(&later), bytes_from_hex(LATER_STATE));
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(LATER_STATE))), Ok(later));
-    assert_eq!(encoded_item(&full_calibration_record()), pinned_calibration_bytes());
+    let sensor_offsets = SensorOffsets { gyro_rad_s: [1.0, 2.0, 3.0], accelerometer_m_s2: [4.0, 5.0, 6.0] };
+    let later = CalibrationRecord { sensor_offsets, ..full_calibration_record() };
+    assert_eq!(encoded_item(&later), pinned_calibration_bytes([0xD8, 0x01], LATER_CALIBRATION_END));
 }
 
 /// Flash after three saves of the first release.
@@ -126,7 +143,7 @@ fn written_bytes_are_those_of_the_first_release_and_later_fields() {
 fn a_store_of_the_first_release_is_loaded() {
     let mut flash = Flash::new(PAGE_COUNT);
     let crc = u32::from_le_bytes(bytes_from_hex("0acbef1b").try_into().unwrap());
-    write_page(&mut flash, 3, &pinned_calibration_bytes());
+    write_page(&mut flash, 3, &pinned_calibration_bytes(FIRST_CALIBRATION_LENGTH, CALIBRATION_END));
     write_page(
         &mut flash,
         5,
@@ -199,8 +216,8 @@ fn a_missing_field_has_its_default() {
 #[test]
 fn a_calibration_needs_every_field_of_the_first_release() {
     let fields = split_into_fields(&encoded_fields(&full_calibration_record()));
-    assert_eq!(fields.len(), 25);
-    for (missing, _) in &fields {
+    assert_eq!(fields.len(), 27);
+    for (missing, _) in &fields[..25] {
         let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
         let found: Result<CalibrationRecord, _> = fields::decode_fields(&others.collect::<Vec<_>>());
         assert_eq!(found, Err(StoreError::Corrupt), "{missing}");
@@ -254,7 +271,7 @@ fn a_reference_beyond_the_slots_is_refused() {
 
 #[test]
 fn a_flipped_bit_makes_an_item_damaged() {
-    let item = pinned_calibration_bytes();
+    let item = pinned_calibration_bytes(FIRST_CALIBRATION_LENGTH, CALIBRATION_END);
     let padding = 7;
     for bit in 0..(item.len() - padding) * 8 {
         let mut damaged = item.clone();
@@ -265,7 +282,7 @@ fn a_flipped_bit_makes_an_item_damaged() {
 
 #[test]
 fn a_truncated_item_is_damaged() {
-    let item = pinned_calibration_bytes();
+    let item = pinned_calibration_bytes(FIRST_CALIBRATION_LENGTH, CALIBRATION_END);
     for length in 0..item.len() - 7 {
         assert_eq!(flash_page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
     }

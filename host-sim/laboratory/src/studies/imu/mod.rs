@@ -3,13 +3,13 @@
 mod score;
 mod trial;
 
-use autoswing::attitude::{AttitudeReport, BodyRates, SenderId};
+use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
 use autoswing::frames::{Field, Sensor};
-use autoswing::inertial::{AttitudeFilter, InertialAttitude, InertialSensorErrors};
+use autoswing::inertial::{AttitudeFilter, InertialAttitude, InertialSensorErrors, SensorOffsets};
 use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
-use autoswing::time::{Timestamp, WrappingMillis};
+use autoswing::time::Timestamp;
 use nalgebra::{UnitQuaternion, Vector3};
 
 pub use score::{TrialErrors, TrialScore};
@@ -30,7 +30,7 @@ const COEFFICIENT_SIGMA: f32 = 0.01;
 /// Score of the module's own code on a trial; `None` if no row is scored.
 #[must_use]
 pub fn score_trial(rows: &[TrialRow]) -> Option<TrialScore> {
-    let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED);
+    let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED, SensorOffsets::UNKNOWN);
     let mut compass = TrialCompass::new();
     let mut errors = TrialErrors::default();
     let mut field_index = 0;
@@ -68,10 +68,8 @@ struct TrialCompass {
 
 impl TrialCompass {
     fn new() -> Self {
-        let mut config = InstrumentConfig::new((READING_PERIOD_S * 1e6) as u32);
-        config.attitude.latency_us = 0;
         Self {
-            instrument: Instrument::new(config),
+            instrument: Instrument::new(InstrumentConfig::new((READING_PERIOD_S * 1e6) as u32)),
             field_at_rest: Vector3::zeros(),
             next_reading_at: Timestamp::START,
             is_calibrated: false,
@@ -88,14 +86,7 @@ impl TrialCompass {
             self.calibrate_at_rest(at, field, attitude);
         }
         self.next_reading_at = at.plus_us((READING_PERIOD_S * 1e6) as u64);
-        let report = AttitudeReport {
-            sender: SenderId::default(),
-            sender_clock_at_sending: WrappingMillis::default(),
-            attitude: attitude.attitude,
-            body_rates: BodyRates::from_rad_s(attitude.rates_rad_s.into())
-                .map(|rates| rates.with_frame_heading(attitude.frame_heading_rad)),
-        };
-        self.instrument.on_attitude(at, report);
+        self.instrument.on_inertial_attitude(at, attitude);
         let reading = Reading { field, is_saturated: false, was_overwritten: false };
         let estimate = self.instrument.on_reading(at, reading);
         while self.instrument.next_sample().is_some() {}
@@ -118,6 +109,7 @@ impl TrialCompass {
         };
         self.instrument.set_correction(Correction {
             calibration: Some((calibration, identity_uncertainty())),
+            attitude_source: AttitudeSource::Own,
             ..Correction::UNCALIBRATED
         });
         self.is_calibrated = true;

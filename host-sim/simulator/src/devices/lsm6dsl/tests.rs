@@ -1,8 +1,8 @@
 //! The firmware's driver on the simulated chip.
 
-use autoswing::inertial::{AttitudeFilter, GRAVITY_M_S2};
+use autoswing::inertial::{AttitudeFilter, GRAVITY_M_S2, SensorOffsets};
 use autoswing::time::Timestamp;
-use autoswing_firmware::chip::ChipError;
+use autoswing_firmware::chip::{ChipError, MeasuringChip as _};
 use autoswing_firmware::inertial_sensor::InertialSensor as _;
 use autoswing_firmware::inertial_sensor::lsm6dsl::Lsm6dsl;
 use embassy_time::Instant;
@@ -138,7 +138,7 @@ fn the_attitude_filter_knows_the_errors_of_the_chip() {
     for seed in 0..20 {
         run_driver(seed, 1.0, at_rest, |mut driver, _| async move {
             driver.init().await.unwrap();
-            let mut filter = AttitudeFilter::new(driver.sensor_errors());
+            let mut filter = AttitudeFilter::new(driver.sensor_errors(), SensorOffsets::UNKNOWN);
             for _ in 0..416 {
                 let reading = driver.read_measurement().await.unwrap();
                 filter.update(Timestamp::from_us(Instant::now().as_micros()), &reading.sample, None);

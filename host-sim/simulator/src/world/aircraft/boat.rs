@@ -38,10 +38,8 @@ impl Boat {
             (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         let time_s = previous_state.time_us as f64 / 1e6;
-        let [ahead, right] = forward_right(
-            self.heading_rad,
-            self.water.surface_slope([previous_state.north_m, previous_state.east_m], time_s),
-        );
+        let slope = self.water.surface_slope([previous_state.north_m, previous_state.east_m], time_s);
+        let [ahead, right] = forward_right(self.heading_rad, slope);
         let speed_m_s = self.config.speed_m_s;
         let centripetal_m_s2 = speed_m_s * self.turn_rate_rad_s;
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
@@ -53,6 +51,7 @@ impl Boat {
             sideslip_rad: 0.0,
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
+            added_acceleration_m_s2: slope.map(|slope| -GRAVITY_M_S2 * slope),
             // Sloping water accelerates the boat by `g * slope`.
             disturbing_acceleration_m_s2: centripetal_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
             current_ratio: 1.0,

@@ -17,11 +17,13 @@ pub enum VehicleKind {
     Rover,
     /// Boat in waves.
     Boat,
+    /// A board in the hand.
+    Hand,
 }
 
 impl VehicleKind {
     /// All kinds.
-    pub const ALL_VEHICLES: [Self; 5] = [Self::Plane, Self::Copter, Self::Vtol, Self::Rover, Self::Boat];
+    pub const ALL_VEHICLES: [Self; 6] = [Self::Plane, Self::Copter, Self::Vtol, Self::Rover, Self::Boat, Self::Hand];
 
     /// Name in scenario files and on the command line.
     #[must_use]
@@ -32,6 +34,7 @@ impl VehicleKind {
             Self::Vtol => "vtol",
             Self::Rover => "rover",
             Self::Boat => "boat",
+            Self::Hand => "hand",
         }
     }
 
@@ -44,7 +47,13 @@ impl VehicleKind {
     /// Whether this kind can hover.
     #[must_use]
     pub const fn can_hover(self) -> bool {
-        matches!(self, Self::Copter | Self::Vtol)
+        matches!(self, Self::Copter | Self::Vtol | Self::Hand)
+    }
+
+    /// Whether this kind always moves along its nose, but for drift.
+    #[must_use]
+    pub const fn moves_along_nose(self) -> bool {
+        matches!(self, Self::Plane | Self::Rover | Self::Boat)
     }
 
     /// Whether this kind flies.
@@ -59,7 +68,7 @@ impl VehicleKind {
     pub const fn tilt_error_deg_per_m_s2(self) -> f64 {
         match self {
             Self::Plane => 0.0,
-            Self::Copter | Self::Vtol | Self::Rover | Self::Boat => 0.4,
+            Self::Copter | Self::Vtol | Self::Rover | Self::Boat | Self::Hand => 0.4,
         }
     }
 }

@@ -1,9 +1,10 @@
-//! Vehicle models that carry the compass: aeroplane, multirotor, VTOL, rover, boat.
+//! Vehicle models that carry the compass: aeroplane, multirotor, VTOL, rover, boat, hand.
 
 mod boat;
 mod config;
 mod copter;
 mod external_attitude;
+mod hand;
 mod motion;
 mod plane;
 mod rough_surface;
@@ -19,6 +20,7 @@ pub use self::motion::STEP_US;
 use self::boat::Boat;
 use self::copter::{Copter, CopterLimits};
 use self::external_attitude::AttitudeInterpolation;
+use self::hand::Hand;
 use self::motion::{Motion, STEP_S};
 use self::plane::Plane;
 use self::rover::Rover;
@@ -35,6 +37,7 @@ enum Vehicle {
     Vtol(Box<Vtol>),
     Rover(Rover),
     Boat(Boat),
+    Hand(Hand),
 }
 
 impl Vehicle {
@@ -45,6 +48,7 @@ impl Vehicle {
             VehicleKind::Vtol => Self::Vtol(Box::new(Vtol::new(config, weather, seed))),
             VehicleKind::Rover => Self::Rover(Rover::new(config, seed)),
             VehicleKind::Boat => Self::Boat(Boat::new(config, weather, seed)),
+            VehicleKind::Hand => Self::Hand(Hand::new(config)),
         }
     }
 
@@ -55,6 +59,7 @@ impl Vehicle {
             Self::Vtol(vtol) => vtol.next_motion(command, previous_state),
             Self::Rover(rover) => rover.next_motion(command, previous_state),
             Self::Boat(boat) => boat.next_motion(command, previous_state),
+            Self::Hand(hand) => hand.next_motion(command, previous_state),
         }
     }
 }
@@ -169,6 +174,7 @@ impl Aircraft {
             sideslip_rad,
             north_m_s,
             east_m_s,
+            added_acceleration_m_s2,
             disturbing_acceleration_m_s2: push_m_s2,
             current_ratio: current,
         } = motion;
@@ -185,6 +191,7 @@ impl Aircraft {
             east_m: before.east_m + east_m_s * STEP_S,
             north_m_s,
             east_m_s,
+            added_acceleration_m_s2,
             disturbing_acceleration_m_s2: push_m_s2,
             relative_current: current,
         };

@@ -194,6 +194,7 @@ impl AttitudeSource {
             aircraft::VehicleKind::Vtol => MavType::MAV_TYPE_VTOL_FIXEDROTOR,
             aircraft::VehicleKind::Rover => MavType::MAV_TYPE_GROUND_ROVER,
             aircraft::VehicleKind::Boat => MavType::MAV_TYPE_SURFACE_BOAT,
+            aircraft::VehicleKind::Hand => MavType::MAV_TYPE_GENERIC,
         };
         Self { vehicle, ..self }
     }

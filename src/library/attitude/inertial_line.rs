@@ -1,0 +1,96 @@
+//! Attitude of the module's own gyro and accelerometer, beside that of an autopilot.
+
+use nalgebra::Matrix2;
+
+use super::euler_rates::GyroHeading;
+use super::report::{AttitudeReport, BodyRates};
+use super::report_queue::ReportQueue;
+use super::sender_selector::SenderId;
+use super::source::AttitudeSource;
+use crate::inertial::InertialAttitude;
+use crate::time::{Timestamp, WrappingMillis};
+
+/// Time after the start in which an autopilot, which boots, may report for the first time, microseconds.
+const AUTOPILOT_START_US: u64 = 15_000_000;
+
+/// Longest interval between two estimates whose attitude and rates are used, microseconds: two and a half periods of 50 Hz.
+const MAX_GAP_US: u32 = 50_000;
+
+/// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
+const NUMBER_BEFORE_RUNS: u8 = 128;
+
+/// Estimates of the attitude filter, and their use.
+#[derive(Debug)]
+pub(super) struct InertialLine {
+    source: AttitudeSource,
+    /// Estimates as reports whose time is that of their sample.
+    estimates: ReportQueue,
+    tilt_covariance: Matrix2<f32>,
+    has_autopilot_reported: bool,
+}
+
+impl InertialLine {
+    pub const fn new(source: AttitudeSource) -> Self {
+        Self {
+            source,
+            estimates: ReportQueue::new(NUMBER_BEFORE_RUNS),
+            tilt_covariance: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+            has_autopilot_reported: false,
+        }
+    }
+
+    pub const fn source(&self) -> AttitudeSource {
+        self.source
+    }
+
+    /// Adds the estimate of a sample taken at `at`, unless the source is the autopilot alone.
+    pub fn push_estimate(&mut self, at: Timestamp, estimate: &InertialAttitude) {
+        if self.source == AttitudeSource::Autopilot || self.estimates.newest().is_some_and(|last| last.sent_at >= at) {
+            return;
+        }
+        self.tilt_covariance = estimate.tilt_covariance;
+        let report = AttitudeReport {
+            sender: SenderId::new(estimate.start_count.into()),
+            sender_clock_at_sending: WrappingMillis::default(),
+            attitude: estimate.attitude,
+            body_rates: BodyRates::from_rad_s(estimate.rates_rad_s.into())
+                .map(|rates| rates.with_frame_heading(estimate.frame_heading_rad)),
+        };
+        self.estimates.push_report(at, report, MAX_GAP_US);
+    }
+
+    /// Records a report of the autopilot; returns whether it is used.
+    pub fn accept_autopilot_report(&mut self) -> bool {
+        self.has_autopilot_reported = true;
+        self.source != AttitudeSource::Own
+    }
+
+    /// The estimates, if their attitude is in use. An autopilot that falls silent is not replaced: a calibration with its
+    /// attitude includes the alignment of its sensors.
+    pub fn estimates_in_use(&self) -> Option<&ReportQueue> {
+        let is_alone = match self.source {
+            AttitudeSource::Autopilot => false,
+            AttitudeSource::Own => true,
+            AttitudeSource::Automatic => {
+                !self.has_autopilot_reported
+                    && self.estimates.newest().is_some_and(|newest| newest.sent_at.as_us() > AUTOPILOT_START_US)
+            }
+        };
+        is_alone.then_some(&self.estimates)
+    }
+
+    /// Body rates at an instant.
+    pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
+        self.estimates.body_rates_at(at, MAX_GAP_US)
+    }
+
+    /// Angle rates and integrated heading at an instant.
+    pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
+        self.estimates.gyro_heading_at(at, MAX_GAP_US)
+    }
+
+    /// Covariance of the tilt about the level frame's x and y axes, rad^2, if the own attitude is in use.
+    pub fn tilt_covariance_in_use(&self) -> Option<Matrix2<f32>> {
+        self.estimates_in_use().map(|_| self.tilt_covariance)
+    }
+}
