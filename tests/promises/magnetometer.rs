@@ -6,7 +6,6 @@ use std::rc::Rc;
 use autoswing::frames::Field;
 use autoswing::reading::Reading;
 use autoswing_firmware::chip::{ChipError, MeasuringChip as _};
-use autoswing_firmware::magnetometer::Magnetometer;
 use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
 use autoswing_firmware::magnetometer::rm3100::Rm3100;
 use embassy_time::Instant;
