@@ -30,7 +30,7 @@ impl SimulatedInertialSensor {
     pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<TaskLinks>) {
         let driver = Lsm6dsl::new(self.bus.clone(), ADDRESS);
         simulation.spawn(ExecutorLevel::Interrupt, "inertial sensor", async move {
-            app::inertial::run_inertial_sensor(&links, driver).await
+            app::inertial::run_inertial_sensor(&links, driver).await;
         });
     }
 }

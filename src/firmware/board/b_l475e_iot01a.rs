@@ -78,7 +78,8 @@ pub type Magnetometer = Lis3mdl<SensorBus>;
 pub type InertialSensor = Lsm6dsl<SensorBus>;
 pub type Uarts = PortAndConsoleUarts<UartTx, UartRx>;
 pub type CanBus = hardware::CanBus<CanReceiver<SilentBxcan>, CanSender, NoBootLoader>;
-pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
+pub type Hardware =
+    hardware::Hardware<Magnetometer, InertialSensor, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_EXECUTOR: InterruptExecutor = InterruptExecutor::new();

@@ -3,11 +3,11 @@
 use autoswing_firmware::health::ResetCause;
 
 /// Initialised hardware for the tasks, in the types of a board.
-pub struct Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform> {
+pub struct Hardware<Magnetometer, InertialSensor, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform> {
     pub magnetometer: Magnetometer,
-    /// Gyro and accelerometer.
-    #[cfg(feature = "board-b-l475e-iot01a")]
-    pub inertial_sensor: super::chosen::InertialSensor,
+    /// Gyro and accelerometer; `()` on a board without them.
+    #[cfg_attr(not(feature = "board-b-l475e-iot01a"), expect(dead_code, reason = "the other boards have none"))]
+    pub inertial_sensor: InertialSensor,
     pub uarts: Uarts,
     /// CAN bus; `()` on a board without a CAN controller.
     #[cfg_attr(

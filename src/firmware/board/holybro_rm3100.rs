@@ -74,7 +74,7 @@ static DESCRIPTOR: AppDescriptor = AppDescriptor::new(BOARD_ID);
 pub type Magnetometer = Rm3100<ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, NoDelay>>;
 pub type Uarts = (UartTx, UartRx);
 pub type CanBus = hardware::CanBus<CanReceiver<RestrictedFdcan>, CanSender, BootLoader>;
-pub type Hardware = hardware::Hardware<Magnetometer, Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
+pub type Hardware = hardware::Hardware<Magnetometer, (), Uarts, CanBus, Watchdog, Panel, StoreFlash, Platform>;
 
 /// Executor of the heading tasks.
 static HEADING_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
@@ -100,6 +100,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let hardware = Hardware {
         // Infallible: an output pin accepts every level.
         magnetometer: Rm3100::new(ExclusiveDevice::new_no_delay(spi, chip_select).expect("a pin")),
+        inertial_sensor: (),
         uarts: new_uart(p.USART2, p.PA3, p.PA2, Irqs, UART_BUFFERS.init(UartBuffers::EMPTY)),
         can_bus: CanBus { node_info: node_info(), rx, tx, boot_loader: BootLoader },
         watchdog: Watchdog(watchdog),

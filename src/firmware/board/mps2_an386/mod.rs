@@ -44,7 +44,7 @@ use super::stack;
 
 pub type UartRx = &'static ReceiveQueue;
 pub type Uarts = PortAndConsoleUarts<UartTx, UartRx>;
-pub type Hardware = hardware::Hardware<Magnetometer, Uarts, (), Watchdog, Panel, StoreFlash, Platform>;
+pub type Hardware = hardware::Hardware<Magnetometer, (), Uarts, (), Watchdog, Panel, StoreFlash, Platform>;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };
 
@@ -126,6 +126,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     let is_safe_mode = reset.requires_safe_mode();
     let hardware = Hardware {
         magnetometer: Magnetometer::new(SensorBus::new()),
+        inertial_sensor: (),
         uarts: Uarts {
             port_uarts: [
                 (UartTx { uart: &AUTOPILOT, on_written: || {} }, &AUTOPILOT.receive_queue),

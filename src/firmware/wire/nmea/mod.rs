@@ -3,16 +3,15 @@
 //!
 //! Written without `core::fmt`, which takes 2,000 instructions for a sentence.
 
+mod sentence;
 mod speed;
 
+pub use sentence::{Sentence, checksum};
 pub use speed::SpeedReceiver;
 
 use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing_module::settings::HeadingKind;
-
-/// ASCII sentence with checksum and line end; at most 82 characters by the standard.
-pub type Sentence = heapless::Vec<u8, 82>;
 
 /// `None` if the sentence is full, which never happens: bodies have at most 70 characters.
 type WriteResult = Option<()>;
@@ -199,12 +198,6 @@ fn build_sentence(fill: impl FnOnce(&mut Sentence) -> WriteResult) -> Sentence {
         let _ = out.extend_from_slice(&ending);
     }
     out
-}
-
-/// Exclusive or of all characters between `$` and `*`.
-#[must_use]
-pub fn checksum(body: &[u8]) -> u8 {
-    body.iter().fold(0, |sum, byte| sum ^ byte)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use autoswing::decimal::parse_decimal;
 
-use super::{Sentence, checksum};
+use super::sentence::{Sentence, checksum};
 
 /// Metres per second in a knot.
 const M_S_PER_KNOT: f32 = 0.514_444;

@@ -49,9 +49,9 @@ impl Hand {
             TranslationMode::Forward | TranslationMode::HoldPosition => [0.0; 2],
         };
         // Critically damped, so that the rates are continuous.
-        for axis in 0..2 {
-            let frequency = 2.0 / MOVEMENT_TIME_S;
-            let acceleration = frequency * frequency * (wanted_rad[axis] - self.tilt_rad[axis])
+        let frequency = 2.0 / MOVEMENT_TIME_S;
+        for (axis, wanted_rad) in wanted_rad.into_iter().enumerate() {
+            let acceleration = frequency * frequency * (wanted_rad - self.tilt_rad[axis])
                 - 2.0 * frequency * self.tilt_rate_rad_s[axis];
             self.tilt_rate_rad_s[axis] += acceleration * STEP_S;
             self.tilt_rad[axis] += self.tilt_rate_rad_s[axis] * STEP_S;
