@@ -83,7 +83,7 @@ pub struct Lsm303dlhc<B> {
 }
 
 impl<B: I2c> Lsm303dlhc<B> {
-    /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
+    /// Creates a driver; [`init`](MeasuringChip::init) is the first bus access.
     pub const fn new(bus: B, config: Lsm303dlhcConfig) -> Self {
         Self {
             chip: I2cRegisters::new(bus, I2C_ADDRESS),

@@ -76,7 +76,7 @@ impl<B: I2c> Lsm6dsl<B> {
     /// Address with pin SDO/SA0 low; 0x6B with it high.
     pub const ADDRESS_SA0_LOW: u8 = 0x6A;
 
-    /// Creates a driver; [`init`](InertialSensor::init) is the first bus access.
+    /// Creates a driver; [`init`](MeasuringChip::init) is the first bus access.
     pub const fn new(bus: B, address: u8) -> Self {
         Self { chip: I2cRegisters::new(bus, address), polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT) }
     }

@@ -91,7 +91,7 @@ pub struct Lis3mdl<B> {
 }
 
 impl<B: I2c> Lis3mdl<B> {
-    /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
+    /// Creates a driver; [`init`](MeasuringChip::init) is the first bus access.
     pub const fn new(bus: B, config: Lis3mdlConfig) -> Self {
         Self {
             chip: I2cRegisters::new(bus, config.address),

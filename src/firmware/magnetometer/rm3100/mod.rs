@@ -60,7 +60,7 @@ pub struct Rm3100<S> {
 }
 
 impl<S: SpiDevice> Rm3100<S> {
-    /// Creates a driver; [`init`](Magnetometer::init) is the first bus access.
+    /// Creates a driver; [`init`](MeasuringChip::init) is the first bus access.
     pub const fn new(device: S) -> Self {
         Self { chip: SpiRegisters::new(device), polling: PollingSchedule::new(PERIOD_US, SLEEP_PERCENT) }
     }
