@@ -16,23 +16,6 @@ fn item_of_format(format: u8) -> Vec<u8> {
     append_crc(item)
 }
 
-/// Start of a page written by firmware before the first release: page marker; CRC, length and CRC of the length of the
-/// entry; key, format, content, CRC.
-fn development_page(format: u8) -> Vec<u8> {
-    let mut value = vec![format];
-    value.extend((0..700).map(|n| n as u8));
-    let value = append_crc(value);
-    let mut page = vec![0; 8];
-    page.extend([0x11, 0x22, 0x33, 0x44]);
-    page.extend((value.len() as u16 + 1).to_le_bytes());
-    page.extend([0x55, 0x66, 0]);
-    // The entry's data is put after the header, aligned to 8 bytes.
-    page.truncate(16);
-    page.push(0);
-    page.extend(value);
-    page
-}
-
 /// Another format on one, two or all pages; the others are erased, hold values of this format, or are damaged.
 fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
     let mut flashes = Vec::new();
@@ -53,11 +36,8 @@ fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
 }
 
 fn flashes_with_other_formats() -> Vec<(u8, String, Flash)> {
-    let flashes_of_format = |format, item: Vec<u8>| {
-        flashes_with_item(format, &item).into_iter().map(move |(case, flash)| (format, case, flash))
-    };
-    let development_formats = (2..=9).flat_map(|format| flashes_of_format(format, development_page(format)));
-    flashes_of_format(LATER_FORMAT, item_of_format(LATER_FORMAT)).chain(development_formats).collect()
+    let flashes = flashes_with_item(LATER_FORMAT, &item_of_format(LATER_FORMAT)).into_iter();
+    flashes.map(|(case, flash)| (LATER_FORMAT, case, flash)).collect()
 }
 
 /// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of
@@ -87,9 +67,6 @@ fn another_format_is_reported_and_left_untouched() {
 fn each_other_format_is_named() {
     for format in (0..=255).filter(|format| *format != flash_page::STORE_FORMAT) {
         assert_eq!(flash_page::parse_page(&item_of_format(format)), PageContent::OtherFormat(format));
-    }
-    for format in 2..=9 {
-        assert_eq!(flash_page::parse_page(&development_page(format)), PageContent::OtherFormat(format));
     }
 }
 
