@@ -109,7 +109,7 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
             format!("calibrated, but cal show could not be read: {expected_error}")
         }
     };
-    VerdictLine { compass_state, state_word, verdict_text: text }
+    VerdictLine { compass_state: Some(compass_state), state_word, verdict_text: text }
 }
 
 fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {

@@ -37,8 +37,9 @@ fn parameter_files(report: &Report) -> String {
     };
     format!(
         "<p class=\"actions\">{} <button type=\"button\" data-copy=\"parameters-text\" hidden>Copy</button> \
-         <span role=\"status\" id=\"copied\"></span></p>\n{others}\n<pre id=\"parameters-text\" hidden>{}</pre>\n",
+         <span role=\"status\" id=\"copied\"></span></p>\n{others}\n<p>{}</p>\n<pre id=\"parameters-text\" hidden>{}</pre>\n",
         link(main, " class=\"button\""),
+        escape_html(&report.correction_choices),
         escape_html(&main.text)
     )
 }
@@ -157,10 +158,12 @@ fn coefficients_table(compass: &CompassReport) -> String {
 
 fn verdict_line(line: &VerdictLine) -> String {
     let (class, sign) = match line.compass_state {
-        CompassState::Good => ("good", "✓"),
-        CompassState::Fair => ("fair", "≈"),
-        CompassState::Bad => ("bad", "✗"),
-        CompassState::Unjudged => ("unjudged", "?"),
+        Some(CompassState::Good) => ("good", "✓"),
+        Some(CompassState::Fair) => ("fair", "≈"),
+        Some(CompassState::Bad) => ("bad", "✗"),
+        Some(CompassState::Unjudged) => ("unjudged", "?"),
+        // An unused compass.
+        None => ("unjudged", "–"),
     };
     format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{}.</b> {}.</p>\n",

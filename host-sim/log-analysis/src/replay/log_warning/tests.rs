@@ -20,6 +20,7 @@ fn warnings_after(change: FlightChange) -> Vec<String> {
         reference: None,
         earth_field: None,
         given_inclination_deg: None,
+        corrected_terms: Default::default(),
         attitude_interval_s: 0.1,
     };
     LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()

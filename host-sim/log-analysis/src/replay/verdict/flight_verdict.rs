@@ -58,7 +58,8 @@ impl<'a> Verdict<'a> {
                 unconfirmed => {
                     let orientation =
                         provable_orientation(flight, evaluation, compass, format, &reading_checks, &used_rotations);
-                    let chosen = choose_parameters(flight, compass, reference, total_ut, format, orientation);
+                    let terms = evaluation.corrected_terms;
+                    let chosen = choose_parameters(flight, compass, reference, total_ut, format, orientation, terms);
                     chosen.and_then(|exported| {
                         unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
                     })

@@ -13,7 +13,7 @@ use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvalu
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::heading_deg;
 use crate::replay::parameter_export::field_by_exported_parameters;
-use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
+use crate::replay::verdict::{CompassVerdict, Verdict};
 use crate::replay::{HeadingRow, ReferenceHeading, ReplayRow, solved_correction};
 use crate::score::wrap_180;
 
@@ -46,6 +46,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
             .map(|compass| compass_report(verdict, compass))
             .collect(),
         next_steps: verdict.next_steps(),
+        correction_choices: correction_choices(verdict),
         parameter_files: verdict.parameter_files(),
         parameter_changes: verdict.parameter_changes(),
         origin: lines
@@ -58,9 +59,20 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
     }
 }
 
+fn correction_choices(verdict: &Verdict<'_>) -> String {
+    let choice = |compass: &CompassVerdict<'_>| {
+        let text = compass.parameters_to_load()?.rms_by_terms_text()?;
+        Some(format!("Compass {}: {text}.", compass.evaluation.compass_number))
+    };
+    verdict.compasses.iter().filter_map(choice).collect::<Vec<_>>().join(" ")
+}
+
 fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
-    let compass_state = compass.state_in_use().unwrap_or(CompassState::Unjudged);
-    VerdictLine { compass_state, state_word: compass.state_word(), verdict_text: compass.summary_sentence() }
+    VerdictLine {
+        compass_state: compass.state_in_use(),
+        state_word: compass.state_word(),
+        verdict_text: compass.summary_sentence(),
+    }
 }
 
 fn reference_info(evaluation: &FlightEvaluation) -> ReferenceInfo {
