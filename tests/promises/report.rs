@@ -181,7 +181,7 @@ fn a_log_report_shows_the_flown_path_and_attitude() {
     let judgement = Verdict::new(&flight, &verdict, ParameterFormat::ArduPilot);
     let report = report_replay(&judgement, "flight.bin", &ReportOrigin::default());
     // The compass in use is not known: the first is judged, and one good compass does not make the page green.
-    assert_eq!(report.verdicts[0].compass_state, CompassState::Bad, "{:?}", report.verdicts);
+    assert_eq!(report.verdicts[0].compass_state, Some(CompassState::Bad), "{:?}", report.verdicts);
     assert!(report.verdicts[0].verdict_text.contains("replace"), "{:?}", report.verdicts);
     let report_samples = &report.compasses[1].samples;
     let usable = || report_samples.iter().filter(|sample| sample.is_usable && !sample.is_heading_withheld);
@@ -261,8 +261,9 @@ fn text_of_a_hostile_log_is_escaped() {
         ..CompassReport::default()
     };
     let verdict =
-        VerdictLine { compass_state: CompassState::Unjudged, state_word: "Unjudged", verdict_text: hostile() };
+        VerdictLine { compass_state: Some(CompassState::Unjudged), state_word: "Unjudged", verdict_text: hostile() };
     let report = Report {
+        correction_choices: hostile(),
         title: hostile(),
         verdicts: vec![verdict],
         key_figures: vec![[hostile(), hostile()]],
