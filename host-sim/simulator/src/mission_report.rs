@@ -231,7 +231,6 @@ fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
         heading_deg: Some(true_moment.heading_deg),
         roll_deg: f64::from(true_moment.attitude.roll_rad.to_degrees()),
         pitch_deg: f64::from(true_moment.attitude.pitch_rad.to_degrees()),
-        position_m: Some(true_moment.position_m),
         is_usable: true,
         ..ReportSample::default()
     }

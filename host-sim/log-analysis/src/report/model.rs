@@ -155,8 +155,6 @@ pub struct ReportSample {
     pub roll_deg: f64,
     /// Pitch, nose up positive, degrees.
     pub pitch_deg: f64,
-    /// Position, metres east and north.
-    pub position_m: Option<[f64; 2]>,
     /// Field without a correction, body axes, microtesla.
     pub raw_ut: Option<[f64; 3]>,
     /// Field as logged, microtesla.

@@ -2,7 +2,7 @@
 
 use super::chart_samples::{has_samples, samples_json};
 use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, ReportSample, VerdictLine};
-use super::pictures::{Picture, coverage, deviation, map as map_of};
+use super::pictures::{Picture, coverage, deviation};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
 use crate::replay::ParameterFile;
@@ -59,9 +59,9 @@ pub fn parameters_section(report: &Report) -> String {
     html_table("Parameters of the autopilot", "", &["in the log", "to load"], rows)
 }
 
-/// Charts of each compass and the map.
+/// Charts of each compass.
 pub fn charts_section(report: &Report) -> String {
-    let charts = of_each_compass(report, |id, compass| {
+    of_each_compass(report, |id, compass| {
         let mut html = Vec::new();
         if has_samples(compass) {
             html.push(chart_figures(compass, report.reference.difference_name));
@@ -69,9 +69,7 @@ pub fn charts_section(report: &Report) -> String {
         }
         html.push(html_figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass)));
         html.concat()
-    });
-    let map = report.compasses.first().and_then(map_of::map_picture);
-    charts + &map.map_or_else(String::new, |picture| html_figure("map-picture", &picture))
+    })
 }
 
 fn chart_figures(compass: &CompassReport, difference_name: &str) -> String {
