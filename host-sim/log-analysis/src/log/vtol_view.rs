@@ -202,7 +202,9 @@ mod tests {
             (&[], None),
         ] {
             let mut series = Series::new();
-            modes.iter().for_each(|&(t_s, mode)| series.push_row(t_s, [mode]));
+            for &(t_s, mode) in modes {
+                series.push_row(t_s, [mode]);
+            }
             let body = trims.body_attitude(&logged, &series);
             let count = |pitch_rad: f32| {
                 let rows = body.iter().flat_map(Series::rows);

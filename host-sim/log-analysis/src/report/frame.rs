@@ -147,10 +147,9 @@ mod tests {
         assert_eq!(grid_lines(ChartAxis::symmetric_deg(0.8)), [-1.0, -0.5, 0.0, 0.5, 1.0]);
         assert_eq!(grid_lines(ChartAxis::symmetric_deg(50.0)), [-60.0, -30.0, 0.0, 30.0, 60.0]);
         assert_eq!(grid_lines(ChartAxis::symmetric_deg(170.0)), [-180.0, -90.0, 0.0, 90.0, 180.0]);
-        for axis in [ChartAxis::symmetric_deg(f64::NAN)] {
-            assert!((2..20).contains(&grid_lines(axis).len()), "{axis:?}");
-            assert!(axis.value_range[1] > axis.value_range[0], "{axis:?}");
-        }
+        let axis = ChartAxis::symmetric_deg(f64::NAN);
+        assert!((2..20).contains(&grid_lines(axis).len()), "{axis:?}");
+        assert!(axis.value_range[1] > axis.value_range[0], "{axis:?}");
     }
 
     #[test]

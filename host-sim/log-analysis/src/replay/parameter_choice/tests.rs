@@ -218,7 +218,7 @@ fn a_file_corrects_the_chosen_terms() {
         row.logged_field = Field::new(
             (used.correction.matrix * (row.raw_field.ut.map(f64::from) - used.correction.hard_iron_ut))
                 .map(|axis| axis as f32),
-        )
+        );
     });
     let refusal = choose_terms(&flight, &evaluation, CorrectedTerms::Offsets).unwrap_err();
     assert_eq!(refusal.stable_code(), "no-gain", "{refusal}");
