@@ -97,7 +97,7 @@ fn a_calibrated_mission_is_reported_the_same_each_time() {
     let charts = ["Field strength and current", "Error over time", "Error by heading", "Directions of the field"];
     assert_contains_all(&html, &charts);
     assert_contains_all(&html, &["Verdict", "Three axes.", "Deviation card", "What was flown"]);
-    assert_contains_all(&html, &["Where it was flown", "About this flight", "Console session"]);
+    assert_contains_all(&html, &["About this flight", "Console session"]);
     let (before, after) = (flown.errors_before.statistics(), flown.errors_after.statistics());
     let expected_deg = flown.calibration_result.as_ref().unwrap().expected_rms_deg;
     for figure in
@@ -170,7 +170,7 @@ fn a_replayed_log_has_the_numbers_of_its_json() {
 
 /// The first of two compasses is dead.
 #[test]
-fn a_log_report_shows_the_flown_path_and_attitude() {
+fn a_log_report_shows_the_flown_attitude() {
     let mut world = WorldConfig::of_table1(1);
     // Inclination by the field model at the start position, degrees.
     world.earth.inclination_deg = 64.0;
