@@ -9,7 +9,7 @@ use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::{LogError, LogFormat, LoggedFlight};
 use log_analysis::replay::evaluation::{EvaluationOptions, FlightEvaluation};
 use log_analysis::replay::judgement_request::{JudgementError, evaluate_as_requested, settings_table};
-use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::parameter_export::{CorrectedTerms, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
@@ -37,6 +37,12 @@ const REFERENCE_NAMES: &[(&str, ReferenceKind)] = &[
     (ReferenceKind::GpsYaw.option_name(), ReferenceKind::GpsYaw),
     (ReferenceKind::GpsCourse.option_name(), ReferenceKind::GpsCourse),
     (ReferenceKind::AutopilotYaw.option_name(), ReferenceKind::AutopilotYaw),
+];
+
+const CORRECTED_TERMS: &[(&str, CorrectedTerms)] = &[
+    (CorrectedTerms::Offsets.option_name(), CorrectedTerms::Offsets),
+    (CorrectedTerms::Scale.option_name(), CorrectedTerms::Scale),
+    (CorrectedTerms::All.option_name(), CorrectedTerms::All),
 ];
 
 const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
@@ -89,6 +95,10 @@ pub struct ReplayArguments {
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
     #[arg(long, value_name = "ardupilot|px4|inav", value_parser = named_value(PARAMETER_FORMATS))]
     pub params_for: Option<ParameterFormat>,
+    /// What the parameters correct, if all of it makes the compass useful: offsets; offsets and one scale; or offsets,
+    /// matrix, motor current and orientation. The report has the error of each
+    #[arg(long, default_value = "all", value_name = "offsets|scale|all", value_parser = named_value(CORRECTED_TERMS))]
+    pub correct: CorrectedTerms,
     /// Compare with an Autoswing module on this flight, and with fits of a sphere and an ellipsoid. The module fits the
     /// samples it keeps in any flight until they suffice (`flight`, also without a name); `all` usable rows, evenly thinned
     /// to its capacity; or the samples of its `turns` procedure
@@ -130,6 +140,7 @@ impl ReplayArguments {
             time_window_s: [self.from.unwrap_or(f64::NEG_INFINITY), self.to.unwrap_or(f64::INFINITY)],
             reference_kind: self.reference,
             field_latency_s: self.age.map(|latency_ms| latency_ms / 1e3),
+            corrected_terms: self.correct,
         }
     }
 

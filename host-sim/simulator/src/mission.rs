@@ -64,18 +64,11 @@ pub struct TrueMoment {
     pub attitude: RollPitch,
     /// True magnetic heading, degrees.
     pub heading_deg: f64,
-    /// Metres magnetic east and north of the start.
-    pub position_m: [f64; 2],
 }
 
 impl TrueMoment {
     fn from_state(state: &TrueState) -> Self {
-        Self {
-            time_s: state.time_us as f64 / 1e6,
-            attitude: state.attitude(),
-            heading_deg: state.heading_deg(),
-            position_m: [state.east_m, state.north_m],
-        }
+        Self { time_s: state.time_us as f64 / 1e6, attitude: state.attitude(), heading_deg: state.heading_deg() }
     }
 }
 

@@ -88,14 +88,19 @@ fn disarmed_rows_are_used_by_no_calibrator() {
     }
 }
 
-/// Interference of 8 uT in level flight at 15 A, so 0.5 uT/A; the current rises with bank.
+/// Interference of 8 uT in level flight at 15 A, so 0.5 uT/A; the current rises with bank. A negated one means its size.
 #[test]
 fn motor_current_interference_is_estimated() {
-    for (seed, write) in
-        [(3, encode_dataflash as fn(&FlightRecording) -> Vec<u8>), (5, encode_ulog), (7, encode_tlog), (9, encode_csv)]
-    {
+    for (seed, sign, write) in [
+        (3, 1.0, encode_dataflash as fn(&FlightRecording) -> Vec<u8>),
+        (5, -1.0, encode_ulog),
+        (7, 1.0, encode_tlog),
+        (9, -1.0, encode_csv),
+    ] {
         let world = WorldConfig::random_world(seed).with_current_interference(8.0);
-        let (_, compass) = evaluate_compass(&write(&record_flight(&world, 0.05)));
+        let mut recording = record_flight(&world, 0.05);
+        recording.samples.iter_mut().for_each(|sample| sample.current_a *= sign);
+        let (_, compass) = evaluate_compass(&write(&recording));
         assert_eq!(module_result(&compass).acceptance, Ok(()), "seed {seed}");
         let interference = module_result(&compass).solution.unwrap().calibration.motor_current;
         for (estimated_ut_per_a, added_field_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {

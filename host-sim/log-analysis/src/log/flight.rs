@@ -78,6 +78,8 @@ pub enum AttitudeView {
     Body,
     /// The axes of the body, from this message in place of the autopilot's own attitude, which is the VTOL view.
     BodyForVtol(&'static str),
+    /// The axes of the body, by undoing the view of VTOL modes, which flight modes and parameters give.
+    BodyByModes,
     /// The view of VTOL modes, which may differ from the body.
     Vtol(VtolView),
 }

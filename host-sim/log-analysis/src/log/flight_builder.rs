@@ -18,7 +18,7 @@ use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;
-use super::vtol_view::VtolView;
+use super::vtol_view::{ViewTrims, VtolView};
 
 /// Largest compass number; no autopilot has more.
 pub const MAX_COMPASSES: u8 = 8;
@@ -46,6 +46,8 @@ pub struct FlightBuilder {
     offset_rows: BTreeMap<u8, Series<3>>,
     /// Outputs, and currents beside that of the first battery.
     pub loads: LoadRows,
+    /// Numbers of the flight modes, at each change or report.
+    pub flight_modes: Series<1>,
 }
 
 /// Correction and axes of a logged magnetic field.
@@ -81,6 +83,7 @@ impl FlightBuilder {
             other_receiver_yaws: BTreeMap::new(),
             offset_rows: BTreeMap::new(),
             loads: LoadRows::default(),
+            flight_modes: Series::new(),
         }
     }
 
@@ -215,6 +218,8 @@ impl FlightBuilder {
         flight.skipped_counts.restarts = self.timeline.restart_count();
         replace_attitude(flight, std::mem::take(&mut self.fallback_attitudes));
         let attitude_repeats = flight.attitude.sort_and_dedup();
+        self.flight_modes.sort_and_dedup();
+        undo_vtol_view(flight, &self.flight_modes);
         for series in [&mut flight.body_rates, &mut flight.true_attitude] {
             series.sort_and_dedup();
         }
@@ -286,6 +291,17 @@ fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<
         }
         (_, Some(view)) if !is_missing => flight.attitude_view = AttitudeView::Vtol(view),
         _ => {}
+    }
+}
+
+/// Replaces a view of VTOL modes by the attitude of the body, if modes and trims show it.
+fn undo_vtol_view(flight: &mut LoggedFlight, flight_modes: &Series<1>) {
+    let is_telemetry = flight.log_format == LogFormat::TLog;
+    if matches!(flight.attitude_view, AttitudeView::Vtol(_))
+        && let Some(trims) = ViewTrims::of_log(&flight.parameters, is_telemetry)
+        && let Some(attitude) = trims.body_attitude(&flight.attitude, flight_modes)
+    {
+        (flight.attitude, flight.attitude_view) = (attitude, AttitudeView::BodyByModes);
     }
 }
 

@@ -264,6 +264,8 @@ impl TlogReader {
         }
         if let Some(t_s) = self.receiver_time_s(frame) {
             self.builder.push_armed_report(t_s, mode & ARMED_FLAG != 0);
+            // The mode is the first field, of four bytes; ArduPlane's numbers fit into the lowest.
+            self.builder.flight_modes.push_row(t_s, [f32::from(byte(0))]);
         }
     }
 

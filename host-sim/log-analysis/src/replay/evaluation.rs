@@ -9,6 +9,7 @@ use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
 use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
+use super::parameter_export::CorrectedTerms;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::sensor_change::{SensorChange, find_sensor_change};
@@ -34,6 +35,8 @@ pub struct EvaluationOptions {
     pub reference_kind: Option<ReferenceKind>,
     /// Latency of the logged field, seconds; default: estimated.
     pub field_latency_s: Option<f64>,
+    /// Terms that parameter files correct.
+    pub corrected_terms: CorrectedTerms,
 }
 
 impl EvaluationOptions {
@@ -45,6 +48,7 @@ impl EvaluationOptions {
         time_window_s: [f64::NEG_INFINITY, f64::INFINITY],
         reference_kind: None,
         field_latency_s: None,
+        corrected_terms: CorrectedTerms::All,
     };
 }
 
@@ -130,6 +134,8 @@ pub struct FlightEvaluation {
     pub earth_field: Option<(EarthField, bool)>,
     /// Inclination of the Earth field that the user gave, degrees.
     pub given_inclination_deg: Option<f64>,
+    /// Terms that parameter files correct.
+    pub corrected_terms: CorrectedTerms,
     /// Median interval of the attitudes, seconds.
     pub attitude_interval_s: f64,
 }
@@ -183,6 +189,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         reference,
         earth_field: earth,
         given_inclination_deg: evaluation_options.inclination_deg,
+        corrected_terms: evaluation_options.corrected_terms,
         attitude_interval_s: flight.attitude.median_step_s().unwrap_or(f64::NAN),
     }
 }

@@ -75,6 +75,7 @@ fn two_compass_recording(parameters: &[(&str, f64)]) -> FlightRecording {
             displacement_m: [0.0; 2],
             current_a: 10.0 + t_s / 10.0,
             is_armed: true,
+            flight_mode: 0,
             outputs: Vec::new(),
             esc_currents_a: Vec::new(),
             further_currents_a: Vec::new(),
