@@ -59,8 +59,8 @@ pub enum FieldProcessing {
     Px4SensorRaw(u8),
     /// The logged field is uncorrected, in body axes.
     BodyRaw,
-    /// The logged field is that of PX4's primary compass, corrected and less the bias of its filter, in body axes.
-    Px4Primary,
+    /// The logged field is corrected by parameters of an unknown slot, in body axes.
+    Unknown(UnknownSlot),
 }
 
 impl FieldProcessing {
@@ -295,7 +295,7 @@ fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec
     let weight = |field_processing: FieldProcessing, field: &Series<6>| {
         let source_weight = match field_processing {
             FieldProcessing::Px4SensorRaw(_) => 4,
-            FieldProcessing::Px4Primary => 1,
+            FieldProcessing::Unknown(_) => 1,
             _ => 2,
         };
         field.rows().len() * source_weight
@@ -377,7 +377,7 @@ fn slot_and_device_id(
         FieldProcessing::BodyRaw => {
             (CompassSlot::Known { index: compass_number, evidence: SlotEvidence::Numbering }, None)
         }
-        FieldProcessing::Px4Primary => (CompassSlot::Unknown { reason: UnknownSlot::PrimaryLessBias }, None),
+        FieldProcessing::Unknown(reason) => (CompassSlot::Unknown { reason }, None),
     }
 }
 
@@ -463,7 +463,7 @@ fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8, slot: CompassS
             let priority = value(format!("CAL_MAG{}_PRIO", slot.index()?));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
-        AutopilotKind::Unknown => None,
+        AutopilotKind::Inav | AutopilotKind::Unknown => None,
     }
 }
 

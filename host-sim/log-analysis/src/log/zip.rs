@@ -78,10 +78,35 @@ fn visit_entry(source: &mut BufReader<&mut dyn Read>, visit: &mut EntryVisitor<'
 
 /// Reads the content to its end, whether `visit` does or not.
 fn visit_content(name: String, content: &mut dyn Read, visit: &mut EntryVisitor<'_>) -> io::Result<()> {
+    let mut content = BoundedContent::new(content);
     if !name.ends_with('/') {
-        visit(name, content)?;
+        visit(name, &mut content)?;
     }
-    io::copy(content, &mut io::sink()).map(drop)
+    io::copy(&mut content, &mut io::sink()).map(drop)
+}
+
+/// A compressed content that is an error if it is larger than any log.
+pub struct BoundedContent<R> {
+    content: R,
+    remaining_bytes: usize,
+}
+
+impl<R> BoundedContent<R> {
+    /// 16 GB; the longest flights have one.
+    const MAX_BYTES: usize = if usize::BITS > 32 { 1 << 34 } else { usize::MAX };
+
+    pub const fn new(content: R) -> Self {
+        Self { content, remaining_bytes: Self::MAX_BYTES }
+    }
+}
+
+impl<R: Read> Read for BoundedContent<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.content.read(into)?;
+        self.remaining_bytes =
+            self.remaining_bytes.checked_sub(count).ok_or(invalid("the archive unpacks to over 16 GB"))?;
+        Ok(count)
+    }
 }
 
 fn invalid(reason: &'static str) -> io::Error {
