@@ -297,8 +297,17 @@ fn a_given_orientation_replaces_the_logged_one() {
 #[test]
 fn a_log_of_a_known_format_that_is_not_read_is_named() {
     let sdlog2 = [&[0xA3, 0x95, 0x80, 129, 11][..], b"TIME\x51", &[0; 15], b"StartTime", &[0; 55]].concat();
-    let error = read_bytes(&sdlog2).unwrap_err().to_string();
-    assert!(error.contains("sdlog2"), "{error}");
+    let dji = [&[0; 16][..], b"BUILDJul 28 2018"].concat();
+    for (bytes, name) in [
+        (sdlog2.as_slice(), "sdlog2"),
+        (b"#ROSBAG V2.0\n", "ROS bag"),
+        (b"\x89MCAP0\r\n\x01", "ROS 2 bag"),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "MATLAB"),
+        (&dji, "DJI"),
+    ] {
+        let error = read_bytes(bytes).unwrap_err();
+        assert!(matches!(error, LogError::UnreadFormat(_)) && error.to_string().contains(name), "{error}");
+    }
 }
 
 /// Two outputs, of which one is constant, the currents of two speed controllers, and that of a second battery.
