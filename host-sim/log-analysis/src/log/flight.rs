@@ -17,6 +17,7 @@ use super::rotation::NumberedRotation;
 use super::time_series::Series;
 use super::vtol_view::VtolView;
 use crate::log::parameters::ParameterHistory;
+use crate::numbers::median;
 
 /// Format of a log file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -358,12 +359,12 @@ impl LoggedFlight {
         !self.is_copter && ["Rover", "Sub", "Blimp"].iter().all(|kind| !firmware.contains(kind))
     }
 
-    /// Position in the middle of the flight.
+    /// Median position of the flight, which a damaged row does not move.
     #[must_use]
     pub fn position(&self) -> Option<Position> {
-        let rows = self.gps.rows();
-        let gps = Gps::from_columns(rows.get(rows.len() / 2)?.row_values);
-        Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
+        let median_of =
+            |column: usize| median(self.gps.rows().iter().map(|row| f64::from(row.row_values[column]))) as f32;
+        Position::new(median_of(0), median_of(1), median_of(2))
     }
 
     /// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its

@@ -319,7 +319,7 @@ fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
         Err(LogError::Empty)
     } else if let Some((_, _, advice)) = unread {
         Err(LogError::UnreadFormat(advice))
-    } else if first_bytes.starts_with(&ulog::ULOG_MAGIC) {
+    } else if first_bytes.starts_with(&ulog::ULOG_MAGIC) || ulog::has_definitions(first_bytes) {
         Ok(LogFormat::ULog)
     } else if dataflash::is_sdlog2(first_bytes) {
         Err(LogError::UnreadFormat(
@@ -333,6 +333,10 @@ fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
         Ok(LogFormat::DataFlashText)
     } else if csv::is_table(first_bytes) {
         Ok(LogFormat::Csv)
+    } else if dataflash::is_without_start(first_bytes) || ulog::is_without_start(first_bytes) {
+        Err(LogError::UnreadFormat(
+            "the start of the file is missing, which defines its messages: copy the whole log from the card",
+        ))
     } else {
         Err(LogError::UnknownFormat)
     }

@@ -12,11 +12,17 @@ const FMT_MESSAGE_LENGTH: usize = 89;
 const HEADER_LENGTH: usize = 3;
 
 pub fn matches_header(first_bytes: &[u8]) -> bool {
-    const MAX_START_SEARCH_BYTES: usize = 1024;
+    let header = [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER];
     first_bytes
-        .windows(HEADER_LENGTH)
-        .take(MAX_START_SEARCH_BYTES)
-        .any(|window| window == [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER])
+        .windows(FMT_MESSAGE_LENGTH)
+        .any(|message| message.starts_with(&header) && MessageLayout::from_fmt(message).is_some())
+}
+
+/// Whether these are messages without definitions: frames at least as often as once in 256 bytes.
+pub fn is_without_start(first_bytes: &[u8]) -> bool {
+    const MIN_FRAMES: usize = 20;
+    let frame_count = first_bytes.windows(FRAME_START.len()).filter(|window| *window == FRAME_START).count();
+    frame_count >= MIN_FRAMES.max(first_bytes.len() / 256)
 }
 
 /// Whether the log is one of PX4's sdlog2, which has the same frames and other messages: its clock is `TIME.StartTime`.

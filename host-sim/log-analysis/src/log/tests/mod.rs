@@ -237,6 +237,20 @@ fn damage_in_the_middle_costs_few_rows() {
     }
 }
 
+/// Without the first 40 bytes a log is read; without all that defines its messages the cause is named.
+#[test]
+fn a_log_without_its_start_is_read_or_named() {
+    for (format, bytes, _) in log_in_each_format() {
+        if !matches!(format, LogFormat::DataFlash | LogFormat::ULog) {
+            continue;
+        }
+        let rows = |bytes: &[u8]| read_bytes(bytes).map(|flight| flight.compasses[0].field.rows().len());
+        assert!(rows(&bytes[40..]).unwrap() + 3 > rows(&bytes).unwrap(), "{format:?}");
+        let error = rows(&bytes[bytes.len() / 2 + 7..]).unwrap_err().to_string();
+        assert!(error.contains("start of the file is missing"), "{format:?}: {error}");
+    }
+}
+
 #[test]
 fn a_restart_within_a_log_continues_ten_seconds_later() {
     let mut doubled_recording = two_compass_recording(&ARDUPILOT_PARAMETERS);

@@ -75,6 +75,19 @@ pub fn read_ulog(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     Ok(log.finish_flight())
 }
 
+/// Whether the log has its definitions among the first bytes, although their start is damaged.
+pub fn has_definitions(first_bytes: &[u8]) -> bool {
+    const COLUMN: &[u8] = b"uint64_t timestamp;";
+    first_bytes.windows(COLUMN.len()).any(|window| window == COLUMN)
+}
+
+/// Whether these are messages without definitions.
+pub fn is_without_start(first_bytes: &[u8]) -> bool {
+    const SEARCHED_BYTES: usize = 4096;
+    let sequences = first_bytes.windows(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH));
+    sequences.take(SEARCHED_BYTES).any(is_header_sequence)
+}
+
 /// Number of messages that must follow one another before reading resumes after damage: one byte in twenty of noise
 /// looks like a message header, with a mean length of 32 KB.
 const RESYNC_MESSAGES: usize = 3;
