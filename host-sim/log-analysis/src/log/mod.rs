@@ -76,7 +76,7 @@ use std::io::{self, Read};
 
 use csv::FieldUnit;
 use flate2::read::MultiGzDecoder;
-use utf16::Utf16Text;
+use utf16::utf16_text;
 use zip::BoundedContent;
 
 /// Bytes searched to detect the format.
@@ -238,11 +238,9 @@ fn read_content(
         return check_flight(decoded::read_decoded(&mut source, format, system)?, system);
     }
     if matches!(format, Err(LogError::UnknownFormat))
-        && let Some(mut text) = Utf16Text::new(first_bytes, &mut source)?
+        && let Some(text) = utf16_text(first_bytes, source)?
     {
-        let first_bytes = read_first_bytes(&mut text)?;
-        let format = detect_format(&first_bytes)?;
-        return read_format(format, &mut first_bytes.as_slice().chain(text), options);
+        return read_format(detect_format(text.as_bytes())?, &mut text.as_bytes(), options);
     }
     read_format(format?, source, options)
 }

@@ -13,7 +13,7 @@ use std::io::{self, Read};
 
 use self::encoding::FrameBytes;
 use self::header::{BlackboxHeader, FrameLayout, PrecedingFrames};
-use self::recorder::{MainRecorder, RecorderScales};
+use self::recorder::MainRecorder;
 use super::flight::{Gps, LoggedFlight};
 use super::read_window::ReadWindow;
 use crate::numbers::median;
@@ -28,7 +28,10 @@ const FIRST_COLUMN: &[u8] = b"loopIteration,";
 const MAX_FRAME_BYTES: usize = 512;
 
 /// First letters of frames.
-const FRAME_LETTERS: &[u8] = b"IPGHSE";
+const FRAME_LETTERS: [u8; 6] = *b"IPGHSE";
+
+/// Values of a motor at rest and at full throttle, if not declared, microseconds.
+const USUAL_MOTOR_RANGE: [f64; 2] = [1000.0, 2000.0];
 
 /// Strength of the Earth's field where the place is unknown, microtesla.
 const USUAL_STRENGTH_UT: f64 = 50.0;
@@ -94,11 +97,8 @@ fn read_header(window: &mut ReadWindow<'_>) -> io::Result<BlackboxHeader> {
 /// Frames of a flight.
 struct FlightReader {
     main: MainRecorder,
-    /// Layouts of I and P frames, which have the same fields.
-    main_layouts: [FrameLayout; 2],
-    gps_layout: FrameLayout,
-    home_layout: FrameLayout,
-    slow_layout: FrameLayout,
+    /// Layouts by the letter; I and P frames have the same fields.
+    layouts: [FrameLayout; FRAME_LETTERS.len()],
     /// The last two main frames; empty after damage, until the next I frame.
     last_frames: [Vec<i32>; 2],
     home: Option<[i32; 2]>,
@@ -110,26 +110,22 @@ struct FlightReader {
 
 impl FlightReader {
     fn new(header: &BlackboxHeader) -> Self {
-        let main_layouts = ['I', 'P'].map(|letter| header.layout(letter));
+        let layouts = FRAME_LETTERS.map(|letter| header.layout(char::from(letter)));
         let firmware = header.text("Firmware revision");
         // Bits of a float; 1 deg/s in all firmware that is read.
         let scale = ["gyro_scale", "gyro.scale"].map(|name| header.text(name)).concat();
         let scale = u32::from_str_radix(scale.trim_start_matches("0x"), 16).map_or(1.0, f32::from_bits);
         let resolution = if header.number("blackbox_high_resolution") == 1 { 10.0 } else { 1.0 };
         let motor_range = header.text("motorOutput").split(',').map(|number| number.parse().unwrap_or(0.0));
-        let motor_range = <[f64; 2]>::try_from(motor_range.collect::<Vec<_>>()).unwrap_or([1000.0, 2000.0]);
-        let scales = RecorderScales { dps_per_count: f64::from(scale) / resolution, motor_range };
-        let mut main = MainRecorder::new(&main_layouts[0].names, firmware, scales);
+        let motor_range = <[f64; 2]>::try_from(motor_range.collect::<Vec<_>>()).unwrap_or(USUAL_MOTOR_RANGE);
+        let mut main = MainRecorder::new(&layouts[0].names, firmware, f64::from(scale) / resolution, motor_range);
         if let Some(seconds) = unix_s(header.text("Log start datetime")) {
             main.builder.set_day_from_unix_s(seconds);
         }
         Self {
             main,
-            time_column: main_layouts[0].index("time"),
-            main_layouts,
-            gps_layout: header.layout('G'),
-            home_layout: header.layout('H'),
-            slow_layout: header.layout('S'),
+            time_column: layouts[0].index("time"),
+            layouts,
             last_frames: [Vec::new(), Vec::new()],
             home: None,
             clock_us: 0,
@@ -167,14 +163,11 @@ impl FlightReader {
     fn decode_frame(&self, letter: u8, frame: &mut FrameBytes<'_>) -> Option<Vec<i32>> {
         let [last, before_last] = &self.last_frames;
         let preceding = PrecedingFrames { last, before_last, time_us: self.time_us(), home: self.home };
-        let alone = PrecedingFrames { last: &[], before_last: &[], ..preceding };
+        let index = FRAME_LETTERS.iter().position(|known| *known == letter)?;
         match letter {
-            b'I' => self.main_layouts[0].decode_frame(frame, &alone),
-            b'P' if !last.is_empty() => self.main_layouts[1].decode_frame(frame, &preceding),
-            b'G' => self.gps_layout.decode_frame(frame, &alone),
-            b'H' => self.home_layout.decode_frame(frame, &alone),
-            b'S' => self.slow_layout.decode_frame(frame, &alone),
-            _ => None,
+            b'P' if last.is_empty() => None,
+            b'P' => self.layouts[index].decode_frame(frame, &preceding),
+            _ => self.layouts[index].decode_frame(frame, &PrecedingFrames { last: &[], before_last: &[], ..preceding }),
         }
     }
 
@@ -200,7 +193,7 @@ impl FlightReader {
     }
 
     fn record_gps(&mut self, numbers: &[i32]) {
-        let number = |name: &str| Some(f64::from(*numbers.get(self.gps_layout.index(name)?)?));
+        let number = |name: &str| Some(f64::from(*numbers.get(self.layouts[2].index(name)?)?));
         let has_fix = number("GPS_fixType").map_or(number("GPS_numSat") >= Some(5.0), |fix| fix >= 2.0);
         let [Some(latitude), Some(longitude), Some(speed), Some(course)] =
             ["GPS_coord[0]", "GPS_coord[1]", "GPS_speed", "GPS_ground_course"].map(number)
@@ -248,8 +241,7 @@ fn read_decoded(window: &mut ReadWindow<'_>) -> io::Result<LoggedFlight> {
     let header = window.next_line()?.unwrap_or_default();
     let names: Vec<String> = header.split(',').map(|name| name.trim().to_owned()).collect();
     let time_column = names.iter().position(|name| name == "time (us)");
-    let scales = RecorderScales { dps_per_count: 1.0, motor_range: [1000.0, 2000.0] };
-    let mut main = MainRecorder::new(&names, "", scales);
+    let mut main = MainRecorder::new(&names, "", 1.0, USUAL_MOTOR_RANGE);
     while let Some(line) = window.next_line()? {
         let numbers: Vec<f64> = line.split(',').map(|cell| cell.trim().parse().unwrap_or(f64::NAN)).collect();
         match time_column.and_then(|column| numbers.get(column)).filter(|time_us| **time_us >= 0.0) {

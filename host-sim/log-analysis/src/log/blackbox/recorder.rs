@@ -27,24 +27,18 @@ pub struct MainRecorder {
     /// Column of the current, and amperes of its unit.
     current: Option<(usize, f64)>,
     motors: Vec<usize>,
-    scales: RecorderScales,
+    /// Units of the gyro and of the motors.
+    dps_per_count: f64,
+    motor_range: [f64; 2],
     last_reading: Option<(f64, [f64; 3])>,
     /// Sums of time and rates since the last row, and their count.
     sums: ([f64; 4], f64),
     last_row_s: f64,
 }
 
-/// Units of a log.
-#[derive(Clone, Copy)]
-pub struct RecorderScales {
-    pub dps_per_count: f64,
-    /// Values of a motor at rest and at full throttle.
-    pub motor_range: [f64; 2],
-}
-
 impl MainRecorder {
-    /// Recorder of frames with these columns.
-    pub fn new(names: &[String], firmware: &str, scales: RecorderScales) -> Self {
+    /// Recorder of frames with these columns. `motor_range` are the values of a motor at rest and at full throttle.
+    pub fn new(names: &[String], firmware: &str, dps_per_count: f64, motor_range: [f64; 2]) -> Self {
         let index = |name: &str| names.iter().position(|column| column == name);
         let vector = |name: &str| {
             let [x, y, z] = [0, 1, 2].map(|axis| index(&format!("{name}[{axis}]")));
@@ -67,7 +61,8 @@ impl MainRecorder {
                 .or(current("amperage (A)", 1.0))
                 .or(current("amperageLatest (A)", 1.0)),
             motors: (0..16).map_while(|motor| index(&format!("motor[{motor}]"))).collect(),
-            scales,
+            dps_per_count,
+            motor_range,
             last_reading: None,
             sums: ([0.0; 4], 0.0),
             last_row_s: f64::NEG_INFINITY,
@@ -103,7 +98,7 @@ impl MainRecorder {
         let [mean_s, forward, left, up] = sums.map(|sum| sum / count);
         if self.rates.is_some() {
             let rates = in_body_axes([forward, left, up]);
-            self.builder.push_rates(mean_s, rates.map(|rate| (rate * self.scales.dps_per_count as f32).to_radians()));
+            self.builder.push_rates(mean_s, rates.map(|rate| (rate * self.dps_per_count as f32).to_radians()));
         }
         let inav = self.attitude.map(|columns| columns.map(|column| (number(column) / 10.0).to_radians()));
         let angles = inav.map(|[roll, pitch, yaw]| [roll, -pitch, yaw]);
@@ -114,7 +109,7 @@ impl MainRecorder {
         if let Some((column, amperes)) = self.current {
             self.builder.push_current(t_s, (number(column) * amperes) as f32);
         }
-        let [rest, full] = self.scales.motor_range;
+        let [rest, full] = self.motor_range;
         let fractions = self.motors.iter().map(|motor| Some(((number(*motor) - rest) / (full - rest)) as f32));
         self.builder.loads.push_values(LoadSource::Motor, t_s, fractions);
     }
