@@ -43,6 +43,7 @@ mod rates;
 mod rates_problem;
 mod read_window;
 mod rotation;
+mod scalar;
 pub mod time_series;
 mod timeline;
 mod tlog;

@@ -88,12 +88,12 @@ fn visit_content(name: String, content: &mut dyn Read, visit: &mut EntryVisitor<
 /// A compressed content that is an error if it is larger than any log.
 pub struct BoundedContent<R> {
     content: R,
-    remaining_bytes: usize,
+    remaining_bytes: u64,
 }
 
 impl<R> BoundedContent<R> {
     /// 16 GB; the longest flights have one.
-    const MAX_BYTES: usize = if usize::BITS > 32 { 1 << 34 } else { usize::MAX };
+    const MAX_BYTES: u64 = 1 << 34;
 
     pub const fn new(content: R) -> Self {
         Self { content, remaining_bytes: Self::MAX_BYTES }
@@ -104,7 +104,7 @@ impl<R: Read> Read for BoundedContent<R> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let count = self.content.read(into)?;
         self.remaining_bytes =
-            self.remaining_bytes.checked_sub(count).ok_or(invalid("the archive unpacks to over 16 GB"))?;
+            self.remaining_bytes.checked_sub(count as u64).ok_or(invalid("the archive unpacks to over 16 GB"))?;
         Ok(count)
     }
 }

@@ -6,7 +6,7 @@ mod sensors;
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use row_layout::{RowColumn, RowColumns, ScalarType, TopicRow, parse_keyed_value};
+use row_layout::{RowColumn, RowColumns, TopicRow, parse_keyed_value, scalar_type};
 use sensors::CompassAssignment;
 
 use super::dataflash::quaternion_to_euler_rad;
@@ -153,8 +153,7 @@ impl UlogReader {
             b'I' => self.read_information(body),
             b'P' => {
                 if let Some((type_name, name, value)) = parse_keyed_value(body)
-                    && let Some(value) =
-                        ScalarType::from_name(type_name).and_then(|scalar_type| scalar_type.decode_number(value))
+                    && let Some(value) = scalar_type(type_name).and_then(|scalar_type| scalar_type.decode_number(value))
                 {
                     self.builder.set_parameter(name, value);
                 }
@@ -212,7 +211,7 @@ impl UlogReader {
             if array_length > MAX_PEEK_BYTES || *byte_offset > MAX_PEEK_BYTES || columns.len() > 1024 {
                 return None;
             }
-            if let Some(scalar_type) = ScalarType::from_name(type_name) {
+            if let Some(scalar_type) = scalar_type(type_name) {
                 columns.insert(
                     format!("{prefix}{column}"),
                     RowColumn { scalar_type, byte_offset: *byte_offset, array_len: array_length },
