@@ -112,3 +112,15 @@ impl<R: Read> Read for BoundedContent<R> {
 fn invalid(reason: &'static str) -> io::Error {
     io::Error::new(ErrorKind::InvalidData, reason)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_content_larger_than_any_log_is_an_error() {
+        let mut content = BoundedContent { content: io::repeat(0), remaining_bytes: 10 };
+        assert_eq!([7, 3].map(|count| content.read(&mut [0; 7][..count]).unwrap()), [7, 3]);
+        assert!(content.read(&mut [0]).is_err());
+    }
+}
