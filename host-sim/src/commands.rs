@@ -78,7 +78,10 @@ impl CliCommand {
         match self {
             Self::Fly(options) => fly::run_fly(options),
             Self::Replay(options) => match options.files.as_slice() {
-                [file] if !file.is_dir() => replay::run_replay(file, options),
+                [file] if !file.is_dir() => match replay::run_replay(file, options)? {
+                    Some(exit_code) => Ok(exit_code),
+                    None => several_logs::replay_several_logs(options),
+                },
                 _ => several_logs::replay_several_logs(options),
             },
         }

@@ -9,9 +9,12 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::Duration;
 
+use log_analysis::log::log_writers::encode_blackbox;
 use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
+use simulator::recording::record_turns;
+use simulator::world::WorldConfig;
 
 use crate::fixtures::program::{self, interrupt_for_exit_code, repository_root};
 
@@ -320,6 +323,32 @@ fn instructions_stay_within_their_budgets_and_the_json_of_them_is_documented() {
         assert!(budget["counted"].as_u64().unwrap() <= budget["limit"].as_u64().unwrap(), "{budget}");
     }
     assert_schema("bench budget --json", &[output]);
+}
+
+/// A log without an extension in a subfolder, a blackbox of two flights, a damaged log, and no log.
+#[test]
+fn a_folder_gives_a_line_for_each_log_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path_in_folder = |name: &str| folder.path().join(name);
+    let blackbox = encode_blackbox(&record_turns(&WorldConfig::of_table1(1), 0.0));
+    fs::create_dir(path_in_folder("day")).unwrap();
+    fs::copy(repository_root().join("host-sim/data/flight.csv"), path_in_folder("day/1")).unwrap();
+    for (name, bytes) in
+        [("LOG.TXT", [&blackbox[..], &blackbox].concat()), ("a.BIN", vec![0; 99]), ("notes.txt", b"windy".to_vec())]
+    {
+        fs::write(path_in_folder(name), bytes).unwrap();
+    }
+    let (code, stdout_text, stderr_text) = run_command(&format!("replay --json {}", folder.path().display()));
+    let mut names: Vec<String> = stdout_text
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap()["file"].as_str().unwrap().to_owned())
+        .map(|file| file.rsplit_once(&format!("{}/", folder.path().display())).unwrap().1.to_owned())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["LOG.TXT/flight 1", "LOG.TXT/flight 2", "a.BIN", "day/1"], "{stderr_text}");
+    assert_eq!(code, Some(2), "{stderr_text}");
+    let (_, stdout_text, _) = run_command(&format!("replay {}", path_in_folder("LOG.TXT").display()));
+    assert_eq!(stdout_text.lines().count(), 2, "{stdout_text}");
 }
 
 const TABLE: &str = "replay host-sim/data/flight.csv";

@@ -1,7 +1,9 @@
 //! Replays of a flight logged in each autopilot's format.
 
 use log_analysis::log::LoggedFlight;
-use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::log_writers::{
+    FlightRecording, encode_blackbox, encode_csv, encode_dataflash, encode_tlog, encode_ulog,
+};
 use log_analysis::replay::evaluation::{CompassEvaluation, CorrectionSource, evaluate_flight};
 use log_analysis::replay::hard_iron_changes::LoggedHardIronChange;
 use nalgebra::Vector3;
@@ -50,6 +52,7 @@ fn a_native_log_gives_heading_and_field_latency() {
         (0.09, encode_tlog),
         (0.02, encode_ulog),
         (0.0, encode_csv),
+        (0.03, encode_blackbox),
     ] {
         let recording = record_flight(&world, age_s);
         let (flight, compass) = evaluate_compass(&write(&recording));

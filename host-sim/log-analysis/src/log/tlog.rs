@@ -10,6 +10,7 @@ use mavlink_dialect::{
     MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, SERVO_OUTPUT_RAW_DATA, calculate_crc,
 };
 
+use super::compass_slot::UnknownSlot;
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::load::{LoadRows, LoadSource};
@@ -406,8 +407,8 @@ impl TlogReader {
     const fn field_processing(&self) -> FieldProcessing {
         match self.builder.flight.autopilot {
             AutopilotKind::ArduPilot => FieldProcessing::ArduPilot,
-            AutopilotKind::Px4 => FieldProcessing::Px4Primary,
-            AutopilotKind::Unknown => FieldProcessing::BodyRaw,
+            AutopilotKind::Px4 => FieldProcessing::Unknown(UnknownSlot::PrimaryLessBias),
+            AutopilotKind::Inav | AutopilotKind::Unknown => FieldProcessing::BodyRaw,
         }
     }
 

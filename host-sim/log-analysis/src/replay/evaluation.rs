@@ -1,6 +1,6 @@
 //! Evaluates each compass of a flight: logged correction, baseline fits, and the module's result.
 
-use autoswing::earth::{Date, EarthField, Position};
+use autoswing::earth::EarthField;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -13,7 +13,7 @@ use super::parameter_export::CorrectedTerms;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::sensor_change::{SensorChange, find_sensor_change};
-use crate::log::{FieldCorrection, Gps, LoggedCompass, LoggedFlight, mounting_parameter_changes};
+use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
 use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
@@ -147,7 +147,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         || ReferenceHeading::best_reference(flight),
         |reference_kind| ReferenceHeading::of_kind(flight, reference_kind),
     );
-    let earth = earth_of_flight(flight);
+    let earth = flight.earth_field();
     let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let compasses: Vec<&LoggedCompass> = flight
         .compasses
@@ -169,7 +169,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
     let options = ReplayOptions {
         row_selection: evaluation_options.compared_module.unwrap_or(RowSelection::All),
         inclination_deg: evaluation_options.inclination_deg,
-        place_and_day: flight_position(flight).zip(flight.flight_date),
+        place_and_day: flight.position().zip(flight.flight_date),
     };
     let inputs = SharedInputs {
         flight,
@@ -307,24 +307,6 @@ pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Opt
     score_rows(rows, |row| Some((heading_deg(row, row.corrected_field(correction)), f64::NAN)))
 }
 
-fn flight_position(flight: &LoggedFlight) -> Option<Position> {
-    let rows = flight.gps.rows();
-    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.row_values);
-    Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
-}
-
-/// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its
-/// first day.
-fn earth_of_flight(flight: &LoggedFlight) -> Option<(EarthField, bool)> {
-    /// 2025-01-01, the model's first day.
-    const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
-    let position = flight_position(flight)?;
-    let today = flight.flight_date.and_then(|day| EarthField::from_model(position, day)).map(|field| (field, true));
-    today.or_else(|| {
-        EarthField::from_model(position, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false))
-    })
-}
-
 impl CompassEvaluation {
     /// Time of the module's calibration on the log's clock, seconds; none if its collection did not end automatically.
     #[must_use]
@@ -341,6 +323,8 @@ impl CompassEvaluation {
 
 #[cfg(test)]
 mod tests {
+    use autoswing::earth::{Date, Position};
+
     use super::*;
     use crate::log::LogFormat;
 
@@ -363,11 +347,11 @@ mod tests {
             [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
         {
             let expected = EarthField::from_model(middle_position, expected).unwrap();
-            let (earth_field, is_model_valid) = earth_of_flight(&flight_to_north(day)).unwrap();
+            let (earth_field, is_model_valid) = flight_to_north(day).earth_field().unwrap();
             assert_eq!(is_model_valid, is_valid);
             let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
             assert_eq!(numbers(earth_field), numbers(expected));
         }
-        assert!(earth_of_flight(&LoggedFlight::new(LogFormat::Csv)).is_none());
+        assert!(LoggedFlight::new(LogFormat::Csv).earth_field().is_none());
     }
 }

@@ -21,6 +21,7 @@ impl ParameterFormat {
     pub const fn for_autopilot(autopilot: AutopilotKind) -> Self {
         match autopilot {
             AutopilotKind::Px4 => Self::Px4,
+            AutopilotKind::Inav => Self::Inav,
             AutopilotKind::ArduPilot | AutopilotKind::Unknown => Self::ArduPilot,
         }
     }
