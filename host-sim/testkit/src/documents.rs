@@ -28,3 +28,16 @@ pub fn assert_document_states(document: &str, row: &str, measured: &str) {
     let stated = stated_row.trim_end_matches(['|', ' ']).rsplit('|').next().unwrap_or_default().trim();
     assert!(stated == measured, "{document}, row {row:?}: it states {stated}, measured is {measured}");
 }
+
+/// Asserts that a generated document is `text`; writes it instead if the environment has `AUTOSWING_RECORD`.
+///
+/// # Panics
+///
+/// If the document has another text.
+pub fn assert_document_is(document: &str, text: &str) {
+    if std::env::var_os("AUTOSWING_RECORD").is_some() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(document);
+        std::fs::write(path, text).unwrap_or_else(|error| panic!("{document}: {error}"));
+    }
+    assert!(document_text(document) == text, "{document} is out of date; AUTOSWING_RECORD=1 cargo test writes it");
+}
