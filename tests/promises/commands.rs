@@ -12,9 +12,9 @@ use std::time::Duration;
 use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
-use testkit::documents;
+use testkit::documents::{self, repository_root};
 
-use crate::fixtures::program::{self, interrupt_for_exit_code, repository_root};
+use crate::fixtures::program::{self, interrupt_for_exit_code};
 
 fn host_sim_command(arguments: &str) -> Command {
     program::host_sim_command(arguments.split(' '))
