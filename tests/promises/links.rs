@@ -18,10 +18,10 @@ fn anchor(heading: &str) -> String {
 #[test]
 fn links_lead_to_files_and_headings_that_exist() {
     let mut documents = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(str::to_owned).to_vec();
-    for entry in repository_root().join("docs").read_dir().unwrap() {
-        documents.push(format!("docs/{}", entry.unwrap().file_name().into_string().unwrap()));
+    let paths = repository_root().join("docs").read_dir().unwrap().map(|entry| entry.unwrap().path());
+    for path in paths.filter(|path| path.extension().is_some_and(|extension| extension == "md")) {
+        documents.push(format!("docs/{}", path.file_name().unwrap().display()));
     }
-    documents.retain(|name| name.ends_with(".md"));
     let mut link_count = 0;
     for document in &documents {
         let text = prose(document);
