@@ -9,14 +9,14 @@ use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Instant, Timer};
 
 use super::line::{calibration_to_report, route_message, with_snapshot};
-use super::task_links::{AutopilotLine, CommandSource, increment_counter, now, subscribe};
+use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
 use crate::port::{CanNode, NodeContext, Snapshot, UpdateForBootLoader};
 use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
 use autoswing::heading::NoHeading;
 use autoswing::instrument::Estimate;
-use autoswing_module::compass::{Command, IndicatorState};
+use autoswing_module::compass::IndicatorState;
 use autoswing_module::settings::{ProtocolKind, Settings};
 
 /// Period of polls in safe mode, where there are no estimates: shorter than half a second, the time limit of an
@@ -158,7 +158,7 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings })
     });
-    send_command(links, command.flatten());
+    links.send_command(AutopilotLine::Can, command.flatten());
 }
 
 /// Polls the node in safe mode: without a heading, and without anything of the module.
@@ -170,12 +170,6 @@ fn poll_in_safe_mode(links: &TaskLinks, node: &mut CanNode, settings: &Settings)
     let snapshot =
         Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration: None, can_node: None };
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
-    send_command(links, node.poll(&NodeContext { snapshot, stored_settings: settings }));
-}
-
-/// Sends a command to the state machine. If the queue is full, the request times out, and its sender repeats it.
-fn send_command(links: &TaskLinks, command: Option<Command>) {
-    if let Some(command) = command {
-        let _ = links.commands.try_send((CommandSource::Line(AutopilotLine::Can), command));
-    }
+    let command = node.poll(&NodeContext { snapshot, stored_settings: settings });
+    links.send_command(AutopilotLine::Can, command);
 }

@@ -1,6 +1,6 @@
 //! Functions shared by the tasks of all lines: snapshots of the module, and routing of received messages.
 
-use super::task_links::{AutopilotLine, CommandSource, Timestamped, increment_counter, publish_value};
+use super::task_links::{AutopilotLine, Timestamped, increment_counter, publish_value};
 use crate::app::task_links::TaskLinks;
 use crate::port::{ReceivedMessage, Snapshot};
 use crate::wire::dronecan::NodeId;
@@ -51,10 +51,7 @@ pub(super) fn route_message(
         ReceivedMessage::Attitude(_) | ReceivedMessage::RejectedAttitude => {
             increment_counter(&links.event_counters.attitude_of_other_senders);
         }
-        // If the queue is full, the command is dropped, and its sender repeats it.
-        ReceivedMessage::Command(command) => {
-            let _ = links.commands.try_send((CommandSource::Line(line), command));
-        }
+        ReceivedMessage::Command(command) => links.send_command(line, Some(command)),
         ReceivedMessage::Position(place) => links.update_position(at, place),
         ReceivedMessage::Date(day) => publish_value(&links.date, day),
         ReceivedMessage::Current(value) => links.motor_current.sender().send(Timestamped { timestamp: at, value }),

@@ -97,6 +97,7 @@ pub async fn run_port(
                 if let Some(message) = port.mavlink.take_message(at) {
                     links.broadcast_message(&message);
                 }
+                links.send_command(line, port.mavlink.take_command());
                 published_counts.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),

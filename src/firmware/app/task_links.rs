@@ -204,6 +204,14 @@ impl TaskLinks {
         armed_states.reduce(|first, second| first || second)
     }
 
+    /// Passes a line's command to the state machine. If the queue is full, the request times out, and its sender repeats
+    /// it.
+    pub(super) fn send_command(&self, line: AutopilotLine, command: Option<Command>) {
+        if let Some(command) = command {
+            let _ = self.commands.try_send((CommandSource::Line(line), command));
+        }
+    }
+
     /// Passes an action to the first line whose autopilot is known by MAVLink.
     pub(super) fn pass_autopilot_action(&self, action: AutopilotAction) {
         let mut mavlink_lines = AutopilotLine::ALL_LINES.into_iter().filter(|line| {

@@ -317,6 +317,8 @@ static COMMANDS: &[CommandSpec] = &[
                 _ => Command::Autopilot(AutopilotAction::Check).into(),
             }
         }),
+    CommandSpec::new("autopilot", "undo", "write the numbers back that setup has replaced, while disarmed")
+        .with_request(|_| Command::Autopilot(AutopilotAction::Undo).into()),
     CommandSpec::new("autopilot", "restart", "restart the autopilot, while disarmed")
         .with_request(|_| Command::Autopilot(AutopilotAction::Restart).into()),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),

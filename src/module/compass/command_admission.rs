@@ -21,7 +21,7 @@ impl Compass<'_> {
             Command::Status | Command::StatusAll | Command::CalShow | Command::CalAdvise | Command::Autopilot(_) => {
                 return Ok(());
             }
-            Command::CalAbort | Command::Restart => false,
+            Command::CalAbort | Command::KeepReplacedNumber(_) | Command::Restart => false,
             Command::Set(setting) | Command::SetFromBus(setting) => setting.is_used_by_solves(),
             _ => true,
         };
@@ -49,7 +49,7 @@ impl Compass<'_> {
             | Command::CalUndo
             | Command::SetFromBus(_)
             | Command::ResetSettings
-            | Command::Autopilot(AutopilotAction::Setup | AutopilotAction::Restart)
+            | Command::Autopilot(AutopilotAction::Setup | AutopilotAction::Undo | AutopilotAction::Restart)
             | Command::Restart => true,
             Command::Set(change) => change.is_of_calibration(),
             Command::CalStop
@@ -59,6 +59,7 @@ impl Compass<'_> {
             | Command::CalShow
             | Command::Status
             | Command::StatusAll
+            | Command::KeepReplacedNumber(_)
             | Command::Autopilot(AutopilotAction::Check)
             | Command::Align(_)
             | Command::AlignConfirmed(_) => false,

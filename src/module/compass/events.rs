@@ -2,7 +2,7 @@
 
 use crate::compass::trial_solves::TrialResult;
 use crate::messages::{ExpectedAccuracy, Message, Refusal};
-use crate::settings::{PORT_COUNT, ProtocolKind, SettingChange, Settings};
+use crate::settings::{PORT_COUNT, ProtocolKind, ReplacedNumber, SettingChange, Settings};
 use crate::store::{CalibrationRecord, StoreError};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};
@@ -71,6 +71,8 @@ pub enum Command {
     Align(Option<f32>),
     /// Set the alignment without a limit of its size.
     AlignConfirmed(f32),
+    /// Keep a number of the autopilot's parameters that a setup replaces, or forget it.
+    KeepReplacedNumber(ReplacedNumber),
     /// Check, set up or restart the autopilot; the driver of the state machine passes it on to a line after the reply.
     Autopilot(AutopilotAction),
     /// Restart the module; the driver of the state machine does so after the reply.
@@ -84,6 +86,8 @@ pub enum AutopilotAction {
     Check,
     /// Write the parameters that differ.
     Setup,
+    /// Write the numbers back that a setup replaced.
+    Undo,
     /// Restart it.
     Restart,
 }

@@ -188,6 +188,10 @@ impl<'a> Compass<'a> {
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
+            Command::KeepReplacedNumber(replaced) => {
+                let replaced_numbers = self.settings.replaced_numbers.with_number(replaced);
+                return Ok(self.request_save(PendingSave::Settings(Settings { replaced_numbers, ..self.settings })));
+            }
             Command::Autopilot(_) => {}
             Command::Restart => self.collector.reset_restart_count(),
         }

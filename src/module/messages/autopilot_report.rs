@@ -14,6 +14,10 @@ pub enum AutopilotReport {
     NoReply,
     /// The autopilot does not report that it is disarmed, and a parameter is to be written.
     Armed,
+    /// The number of a parameter could not be kept in flash, so that it is not written.
+    NotKept,
+    /// No setup has replaced a number since the last undo.
+    NothingReplaced,
     /// None of the autopilot's compasses is the module, and it is not sent poses either.
     NoCompass,
     /// One of the autopilot's compasses.
@@ -75,8 +79,8 @@ impl WantedParameter {
 /// Parameter of the autopilot, and its state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterReport {
-    /// Parameter as wanted. A reference, because messages are queued in memory.
-    pub wanted: &'static WantedParameter,
+    /// Row of the parameter. A reference, because messages are queued in memory.
+    pub row: &'static WantedParameter,
     /// Slot of the module's compass.
     pub slot: u8,
     /// Priority of the module's compass.
@@ -85,6 +89,10 @@ pub struct ParameterReport {
     pub state: ParameterState,
     /// Number of the parameter, before a change.
     pub number: f32,
+    /// Wanted number.
+    pub wanted: f32,
+    /// Whether the wanted number is the one before a setup.
+    pub is_undo: bool,
 }
 
 /// State of a parameter.
@@ -148,9 +156,9 @@ impl fmt::Display for DeviceBus {
 
 impl fmt::Display for ParameterReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { wanted: WantedParameter { number: wanted, reason, .. }, slot, priority, .. } = *self;
-        let name = self.wanted.parameter_name(slot, priority);
-        let [number, wanted] = [self.number, wanted.unwrap_or(self.number)].map(|number| ShortestDecimal(number, 0));
+        let name = self.row.parameter_name(self.slot, self.priority);
+        let reason = if self.is_undo { "as before the setup" } else { self.row.reason };
+        let [number, wanted] = [self.number, self.wanted].map(|number| ShortestDecimal(number, 0));
         match self.state {
             ParameterState::Wrong => write!(f, "{name} is {number}, wanted {wanted}: {reason}"),
             ParameterState::Changed => write!(f, "{name} changed from {number} to {wanted}: {reason}"),

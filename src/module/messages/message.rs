@@ -93,7 +93,12 @@ impl AutopilotReport {
                 ParameterState::Changed => Severity::Info,
                 ParameterState::Wrong | ParameterState::NotChanged | ParameterState::Missing => Severity::Warning,
             },
-            Self::NoAutopilot | Self::NoReply | Self::Armed | Self::NoCompass => Severity::Warning,
+            Self::NoAutopilot
+            | Self::NoReply
+            | Self::Armed
+            | Self::NotKept
+            | Self::NothingReplaced
+            | Self::NoCompass => Severity::Warning,
         }
     }
 }

@@ -80,6 +80,14 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
             format_args!("check that the module's TX reaches it, and signatures"),
         ),
         AutopilotReport::Armed => Refusal::Armed.show_entry(show),
+        AutopilotReport::NotKept => show(
+            "number-not-kept",
+            format_args!("the old number of a parameter cannot be stored; it was not written"),
+            format_args!("see status all"),
+        ),
+        AutopilotReport::NothingReplaced => {
+            show("nothing-replaced", format_args!("no setup has replaced a number of the autopilot's"), NO_ADVICE)
+        }
         AutopilotReport::NoCompass => show(
             "no-compass",
             format_args!("the autopilot has no compass that is this module"),

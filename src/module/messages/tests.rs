@@ -231,7 +231,15 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
             number: Some(1.0),
             reason: "an offset, of 1 mG, marks it as calibrated",
         };
-        Parameter(ParameterReport { wanted: &WANTED, slot: 2, priority: 1, number: -0.25, state })
+        Parameter(ParameterReport {
+            row: &WANTED,
+            slot: 2,
+            priority: 1,
+            number: -0.25,
+            wanted: 1.0,
+            is_undo: false,
+            state,
+        })
     };
     let counts = |wrong, changed| {
         Summary(ParameterCounts { right: 18, wrong, changed, missing: wrong / 2, needs_restart: changed > 1 })
@@ -244,6 +252,8 @@ fn autopilot_reports() -> Vec<(Message, Severity, &'static str, &'static str)> {
             "; connect MAVLink, or the CAN bus with its tunnel",
         ),
         (NoReply, Severity::Warning, "no-parameters: the autopilot does not", "TX reaches it, and signatures"),
+        (AutopilotReport::NotKept, Severity::Warning, "number-not-kept: the old number", "; see status all"),
+        (AutopilotReport::NothingReplaced, Severity::Warning, "nothing-replaced: no setup has", "of the autopilot's"),
         (
             NoCompass,
             Severity::Warning,

@@ -2,12 +2,14 @@
 //! stored fields and range checks derive.
 
 mod ports;
+mod replaced_numbers;
 mod setting;
 
 use core::fmt;
 
 use autoswing::calibration::{ConsiderSigmas, Orientation};
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
+pub use replaced_numbers::{ReplacedNumber, ReplacedNumbers};
 use setting::DependentState;
 pub use setting::{Choice, SettingKind, SettingRow, SettingValue, SigningKey};
 
@@ -47,6 +49,8 @@ pub struct Settings {
     pub can: CanSettings,
     /// Errors of gyro and magnetometer that the monitor expects.
     pub sensor_error: SensorErrorSetting,
+    /// Numbers of the autopilot's parameters that a setup replaced. No command sets them.
+    pub replaced_numbers: ReplacedNumbers,
 }
 
 /// Settings of the node on a CAN bus.
@@ -138,12 +142,13 @@ impl Settings {
         signing_key: None,
         can: CanSettings::DEFAULT,
         sensor_error: SensorErrorSetting::DEFAULT,
+        replaced_numbers: ReplacedNumbers::NONE,
     };
 
-    /// Factory settings with the present alignment, which belongs to the calibration.
+    /// Factory settings with the present alignment, which belongs to the calibration, and the autopilot's numbers.
     #[must_use]
     pub const fn factory_reset(&self) -> Self {
-        Self { align_deg: self.align_deg, ..Self::DEFAULT }
+        Self { align_deg: self.align_deg, replaced_numbers: self.replaced_numbers, ..Self::DEFAULT }
     }
 
     /// Settings of a port.

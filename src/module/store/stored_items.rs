@@ -232,6 +232,7 @@ impl StoredFields for StoredState {
                 _ => visit_setting(tag, settings, visitor),
             }
         }
+        visitor.visit_optional(REPLACED_NUMBERS_TAG, &mut settings.replaced_numbers);
     }
 
     fn is_valid(&self) -> bool {
@@ -245,6 +246,9 @@ const FIRST_SETTING_TAG: u8 = 4;
 
 /// Largest tag. The tags of settings and of three startup values have no gap.
 const LAST_TAG: u8 = FIRST_SETTING_TAG + SETTINGS.len() as u8 + 2;
+
+/// Tag of the autopilot's numbers, which have no row: far from the tags of later rows.
+const REPLACED_NUMBERS_TAG: u8 = 200;
 
 /// Visits the setting with a tag, if there is one, in the type that its kind is stored as. A choice is its number.
 fn visit_setting(tag: u8, settings: &mut Settings, visitor: &mut impl FieldVisitor) {

@@ -46,6 +46,7 @@ fn every_command_is_parsed() {
         ("autopilot check", Command::Autopilot(AutopilotAction::Check)),
         ("autopilot setup", Command::Autopilot(AutopilotAction::Check)),
         ("autopilot setup yes", Command::Autopilot(AutopilotAction::Setup)),
+        ("autopilot undo", Command::Autopilot(AutopilotAction::Undo)),
         ("autopilot restart", Command::Autopilot(AutopilotAction::Restart)),
         ("stream on", set(SettingChange::new("STREAM", Whole(1)))),
         ("stream off", set(SettingChange::new("STREAM", Whole(0)))),

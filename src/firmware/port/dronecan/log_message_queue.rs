@@ -38,6 +38,8 @@ struct LoggedState {
     activity: &'static str,
     /// Reason why no field is sent.
     no_field_reason: Option<NoHeading>,
+    /// Whether the vehicle is armed and no attitude arrives.
+    lacks_attitude: bool,
 }
 
 /// Queue of texts.
@@ -61,7 +63,7 @@ impl LogMessageQueue {
     }
 
     /// Queues a text about a state that has changed for two seconds.
-    pub fn queue_state_change(&mut self, snapshot: &Snapshot<'_>) {
+    pub fn queue_state_change(&mut self, snapshot: &Snapshot<'_>, is_armed: bool) {
         let state = LoggedState {
             activity: match snapshot.indicator_state {
                 IndicatorState::Idle => "uncalibrated",
@@ -70,6 +72,7 @@ impl LogMessageQueue {
                 IndicatorState::Refused => "calibration refused",
             },
             no_field_reason: snapshot.estimate.heading.err().filter(|_| snapshot.estimate.compass_field.is_none()),
+            lacks_attitude: is_armed && snapshot.estimate.attitude.is_none(),
         };
         if self.last_logged_state == Some(state) {
             self.pending_state = None;
@@ -82,6 +85,11 @@ impl LogMessageQueue {
         }
         (self.last_logged_state, self.pending_state) = (Some(state), None);
         match state.no_field_reason {
+            // Without attitude nothing is collected: by MAVLink's tunnel, or on a serial port.
+            _ if state.lacks_attitude => self.queue_text(
+                LogLevel::Warning,
+                format_args!("armed, and no attitude arrives: set up the tunnel, CAN_D1_UC_S1_NOD this node's number"),
+            ),
             None => self.queue_text(LogLevel::Info, format_args!("{}", state.activity)),
             Some(reason) => {
                 self.queue_text(

@@ -201,7 +201,8 @@ impl CanNode {
         let now = snapshot.now;
         self.status_monitor.update_sensor_silence(snapshot);
         if !self.is_safe_mode {
-            self.log_messages.queue_state_change(snapshot);
+            let is_armed = self.is_armed(now) == Some(true);
+            self.log_messages.queue_state_change(snapshot, is_armed);
         }
         self.outbox.drop_expired_frames(now);
         if self.frame_counts.received_frames == 0 {
@@ -218,7 +219,7 @@ impl CanNode {
         let command = self.answer_requests(own, context);
         self.queue_tunnel_output(own, snapshot);
         self.queue_log_message(own, now);
-        command
+        command.or_else(|| self.tunnel.mavlink.take_command())
     }
 
     /// Processes the result of a command: of a request, or of one through the tunnel.

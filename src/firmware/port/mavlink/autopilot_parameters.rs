@@ -12,7 +12,7 @@ use crate::wire::mavlink::{Address, OutboundMessage, ParameterEncoding, Received
 use autoswing::attitude::SenderId;
 use autoswing::frames::RollPitch;
 use autoswing::time::Timestamp;
-use autoswing_module::compass::{AutopilotAction, IndicatorState};
+use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
 use autoswing_module::messages::{AutopilotReport, Message};
 
 /// Time after which the trims are read again, microseconds: a change without a message, or whose message was lost.
@@ -66,8 +66,8 @@ impl AutopilotParameters {
         let is_supported = self.is_ardupilot() || self.encoding() == ParameterEncoding::Bytewise;
         match action {
             AutopilotAction::Restart if self.autopilot.is_some() => self.awaits_restart = true,
-            AutopilotAction::Check | AutopilotAction::Setup if is_supported => {
-                self.setup.begin(action == AutopilotAction::Setup);
+            AutopilotAction::Check | AutopilotAction::Setup | AutopilotAction::Undo if is_supported => {
+                self.setup.begin(action);
             }
             _ => self.setup.end(AutopilotReport::NoAutopilot),
         }
@@ -84,6 +84,11 @@ impl AutopilotParameters {
         None
     }
 
+    /// Takes a command for the state machine.
+    pub const fn take_command(&mut self) -> Option<Command> {
+        self.setup.take_command()
+    }
+
     /// Sends the due request; returns whether one was sent.
     pub fn send_due_request(&mut self, snapshot: &Snapshot<'_>, is_disarmed: bool, line: &mut Transmitter<'_>) -> bool {
         let Some((autopilot, firmware)) = self.autopilot else { return false };
@@ -96,6 +101,7 @@ impl AutopilotParameters {
             let is_calibrated = snapshot.indicator_state == IndicatorState::Calibrated;
             let heading = snapshot.estimate.heading.ok().filter(|_| is_calibrated);
             let context = SetupContext {
+                now: snapshot.now,
                 firmware,
                 can_node: snapshot.can_node,
                 sends_vision_yaw: snapshot.settings.sends_vision_yaw,
@@ -103,6 +109,7 @@ impl AutopilotParameters {
                 is_disarmed,
                 heading_deg: heading.map(|heading| heading.magnetic_deg()),
                 trims_deg: if self.is_ardupilot() { self.trims.trims_rad().map(f32::to_degrees) } else { [0.0; 2] },
+                replaced_numbers: &snapshot.settings.replaced_numbers,
             };
             self.setup.advance(context, &mut self.client);
         } else if self.is_ardupilot() {

@@ -1,16 +1,20 @@
 //! Check and setup of the autopilot's parameters: finds the compass that is the module, then compares each parameter of
-//! the table with its wanted number, and writes it if asked to.
+//! the table with its wanted number, and writes it if asked to. An undo writes the numbers of before the setup.
 //!
 //! Parameters of other compasses are read only as far as their ids. A parameter is written while the autopilot reports
-//! that it is disarmed. A report waits until it was taken, and the next parameter waits for it.
+//! that it is disarmed, and after its number is kept in flash. A report waits until it was taken, and the next parameter
+//! waits for it.
 
 use mavlink_dialect::MavAutopilot;
 
 use super::parameter_client::{ParameterClient, ParameterError, is_same_number};
 use super::wanted_parameters::{CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink};
+use autoswing::time::Timestamp;
+use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::messages::{
     AutopilotReport, ParameterCounts, ParameterName, ParameterReport, ParameterState, RegisteredCompass,
 };
+use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
 
 /// Number of compasses that ArduPilot uses.
 const COMPASS_COUNT: usize = 3;
@@ -28,9 +32,16 @@ const ID_NAMES: [&str; 2 * COMPASS_COUNT] = [
 /// Step after all parameters.
 const ROWS_END: usize = ID_NAMES.len() + PARAMETER_ROWS.len();
 
+/// Time after which a number that is not kept yet is passed on again, microseconds; a save takes 50 ms.
+const KEEP_TIMEOUT_US: u64 = 1_000_000;
+
+/// Attempts to keep a number, until the setup ends.
+const KEEP_ATTEMPTS: u8 = 5;
+
 /// What check and setup depend on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SetupContext {
+pub(super) struct SetupContext<'a> {
+    pub now: Timestamp,
     pub firmware: MavAutopilot,
     /// Number of the module's node on a CAN bus.
     pub can_node: Option<u8>,
@@ -42,13 +53,23 @@ pub(super) struct SetupContext {
     pub heading_deg: Option<f32>,
     /// Trims of roll and pitch that are removed from the autopilot's attitude, degrees.
     pub trims_deg: [f32; 2],
+    /// Numbers that are kept in flash.
+    pub replaced_numbers: &'a ReplacedNumbers,
 }
 
-/// Check or setup in progress.
+/// A number that is to be kept, or forgotten, before the next step.
+#[derive(Debug)]
+struct Keeping {
+    replaced: ReplacedNumber,
+    attempts: u8,
+    requested_at: Timestamp,
+}
+
+/// Check, setup or undo in progress.
 #[derive(Debug, Default)]
 pub(super) struct AutopilotSetup {
-    is_running: bool,
-    writes: bool,
+    /// What is in progress.
+    action: Option<AutopilotAction>,
     /// Index of the id, then of the row of the table.
     step: u8,
     /// Device ids by priority.
@@ -59,18 +80,22 @@ pub(super) struct AutopilotSetup {
     has_reply: bool,
     /// Number before the write in progress.
     number_before: Option<f32>,
+    keeping: Option<Keeping>,
+    /// Command for the state machine.
+    command: Option<Command>,
     counts: ParameterCounts,
     report: Option<AutopilotReport>,
 }
 
 impl AutopilotSetup {
-    /// Begins a check, or a setup that also writes.
-    pub fn begin(&mut self, writes: bool) {
-        *self = Self { is_running: true, writes, ..Self::default() };
+    /// Begins a check, a setup or an undo.
+    pub fn begin(&mut self, action: AutopilotAction) {
+        let step = if action == AutopilotAction::Undo { ID_NAMES.len() as u8 } else { 0 };
+        *self = Self { action: Some(action), step, ..Self::default() };
     }
 
     pub const fn is_running(&self) -> bool {
-        self.is_running
+        self.action.is_some()
     }
 
     pub const fn has_report(&self) -> bool {
@@ -82,21 +107,64 @@ impl AutopilotSetup {
         self.report.take()
     }
 
+    /// Takes a command for the state machine.
+    pub const fn take_command(&mut self) -> Option<Command> {
+        self.command.take()
+    }
+
     /// Continues: processes the result of the last read or write, and begins the next.
-    pub fn advance(&mut self, context: SetupContext, client: &mut ParameterClient) {
-        if self.report.is_some() {
+    pub fn advance(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
+        if self.report.is_some() || self.awaits_keeping(context, client) {
             return;
         }
         if let Some(result) = client.take_result() {
             self.has_reply |= result != Err(ParameterError::NoReply);
             self.process_result(context, client, result);
         }
-        if self.is_running && self.report.is_none() && client.is_idle() {
+        if self.is_running() && self.keeping.is_none() && self.report.is_none() && client.is_idle() {
             self.begin_next_read(context, client);
         }
     }
 
-    fn begin_next_read(&mut self, context: SetupContext, client: &mut ParameterClient) {
+    /// Passes a number on until it is kept, then writes the parameter; or until it is forgotten, then goes on.
+    fn awaits_keeping(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) -> bool {
+        let Some(keeping) = &mut self.keeping else { return false };
+        let ReplacedNumber { row, compass, number } = keeping.replaced;
+        if context.replaced_numbers.number(row, compass) == number {
+            self.keeping = None;
+            let wanted = self.row().and_then(|row| row.wanted.number);
+            match wanted.filter(|_| number.is_some()) {
+                Some(wanted) => client.begin_write(wanted),
+                None => self.step += 1,
+            }
+            return false;
+        }
+        if keeping.attempts > 0 && context.now.us_since(keeping.requested_at) < KEEP_TIMEOUT_US {
+            return true;
+        }
+        if keeping.attempts == KEEP_ATTEMPTS {
+            self.end(AutopilotReport::NotKept);
+        } else {
+            (keeping.attempts, keeping.requested_at) = (keeping.attempts + 1, context.now);
+            self.command = Some(Command::KeepReplacedNumber(keeping.replaced));
+        }
+        true
+    }
+
+    fn replaced_number(&self, row: &ParameterRow, context: SetupContext<'_>) -> Option<f32> {
+        context.replaced_numbers.number(row.position(), self.module_compass.unwrap_or_default())
+    }
+
+    fn keep_number(&mut self, row: u8, number: Option<f32>) {
+        let compass = self.module_compass.unwrap_or_default();
+        let replaced = ReplacedNumber { row, compass, number };
+        self.keeping = Some(Keeping { replaced, attempts: 0, requested_at: Timestamp::from_us(0) });
+    }
+
+    fn begin_next_read(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
+        if self.action == Some(AutopilotAction::Undo) {
+            self.module_compass = Some(context.replaced_numbers.compass());
+        }
         if context.firmware != MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA {
             self.step = self.step.max(ID_NAMES.len() as u8);
         }
@@ -107,10 +175,15 @@ impl AutopilotSetup {
             }
             self.step += 1;
         }
+        if self.action == Some(AutopilotAction::Undo) {
+            let is_nothing = self.counts == ParameterCounts::default();
+            let summary = AutopilotReport::Summary(self.counts);
+            return self.end(if is_nothing { AutopilotReport::NothingReplaced } else { summary });
+        }
         let has_trims = context.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0);
         let later_reports = [
             has_trims.then_some(AutopilotReport::Trims(context.trims_deg)),
-            context.heading_deg.filter(|_| !self.writes).map(AutopilotReport::Heading),
+            context.heading_deg.filter(|_| self.action == Some(AutopilotAction::Check)).map(AutopilotReport::Heading),
         ];
         self.report = later_reports.into_iter().skip(usize::from(self.step) - ROWS_END).find_map(|report| {
             self.step += 1;
@@ -122,7 +195,7 @@ impl AutopilotSetup {
     }
 
     /// Name of the parameter of this step, if it concerns this autopilot and module.
-    fn name_of_step(&self, context: SetupContext) -> Option<ParameterName> {
+    fn name_of_step(&self, context: SetupContext<'_>) -> Option<ParameterName> {
         if let Some(name) = ID_NAMES.get(usize::from(self.step)) {
             return Some(ParameterName::new(name));
         }
@@ -134,7 +207,7 @@ impl AutopilotSetup {
         PARAMETER_ROWS.get(usize::from(self.step).checked_sub(ID_NAMES.len())?)
     }
 
-    fn is_applicable(&self, row: &'static ParameterRow, context: SetupContext) -> bool {
+    fn is_applicable(&self, row: &'static ParameterRow, context: SetupContext<'_>) -> bool {
         let has_link = match row.link {
             SetupLink::Compass => self.module_compass.is_some(),
             SetupLink::Vision => context.sends_vision_yaw,
@@ -144,12 +217,14 @@ impl AutopilotSetup {
             CalibrationStage::Uncalibrated => !context.is_calibrated,
             CalibrationStage::Calibrated => context.is_calibrated,
         };
-        row.firmware == context.firmware && has_link && is_stage
+        let is_replaced = self.replaced_number(row, context).is_some();
+        row.firmware == context.firmware
+            && if self.action == Some(AutopilotAction::Undo) { is_replaced } else { has_link && is_stage }
     }
 
     fn process_result(
         &mut self,
-        context: SetupContext,
+        context: SetupContext<'_>,
         client: &mut ParameterClient,
         result: Result<f32, ParameterError>,
     ) {
@@ -162,7 +237,7 @@ impl AutopilotSetup {
         }
     }
 
-    fn process_id(&mut self, context: SetupContext, device_id: u32) {
+    fn process_id(&mut self, context: SetupContext<'_>, device_id: u32) {
         let step = usize::from(self.step);
         self.step += 1;
         if let Some(priority_id) = self.priority_ids.get_mut(step) {
@@ -181,7 +256,7 @@ impl AutopilotSetup {
         }
     }
 
-    fn process_compass(&mut self, slot: u8, device_id: u32, context: SetupContext) {
+    fn process_compass(&mut self, slot: u8, device_id: u32, context: SetupContext<'_>) {
         let index = self.priority_ids.iter().position(|priority_id| *priority_id == device_id);
         let priority = index.map(|index| index as u8 + 1);
         let is_module = is_device_of_module(device_id, context.can_node);
@@ -195,23 +270,25 @@ impl AutopilotSetup {
     fn process_row(
         &mut self,
         row: &'static ParameterRow,
-        context: SetupContext,
+        context: SetupContext<'_>,
         client: &mut ParameterClient,
         result: Result<f32, ParameterError>,
     ) {
+        let is_undo = self.action == Some(AutopilotAction::Undo);
         let read_number = result.unwrap_or(0.0);
-        let wanted = row.wanted.number.or(self.number_before).unwrap_or(read_number);
+        let replaced_number = self.replaced_number(row, context);
+        let wanted = if is_undo { replaced_number } else { row.wanted.number };
+        let wanted = wanted.or(self.number_before).unwrap_or(read_number);
         let is_right = is_same_number(read_number, wanted);
-        // A heading that is not trusted on the ground is not used in flight.
-        let is_permitted = row.stage != CalibrationStage::Calibrated || context.heading_deg.is_some();
-        let is_to_write = self.writes && is_permitted && self.number_before.is_none() && result.is_ok();
         let (number, state) = match (result, self.number_before) {
-            (Ok(number), None) if is_to_write && (!is_right || row.wanted.number.is_none()) => {
-                if context.is_disarmed {
-                    self.number_before = Some(number);
+            (Ok(number), None) if self.is_to_write(row, context) && (!is_right || row.wanted.number.is_none()) => {
+                self.number_before = Some(number);
+                if !context.is_disarmed {
+                    self.end(AutopilotReport::Armed);
+                } else if is_undo || row.wanted.number.is_none() || replaced_number.is_some() {
                     client.begin_write(wanted);
                 } else {
-                    self.end(AutopilotReport::Armed);
+                    self.keep_number(row.position(), Some(number));
                 }
                 return;
             }
@@ -234,16 +311,29 @@ impl AutopilotSetup {
         }
         self.report = state.map(|state| {
             let (slot, priority) = self.module_compass.unwrap_or_default();
-            let report = ParameterReport { wanted: &row.wanted, slot, priority, state, number };
+            let report = ParameterReport { row: &row.wanted, slot, priority, state, number, wanted, is_undo };
             AutopilotReport::Parameter(report)
         });
         self.number_before = None;
-        self.step += 1;
+        if is_undo && !matches!(state, Some(ParameterState::NotChanged | ParameterState::Missing)) {
+            self.keep_number(row.position(), None);
+        } else {
+            self.step += 1;
+        }
+    }
+
+    /// Whether a parameter is written if it is wrong. A heading that is not trusted on the ground is not used in flight.
+    fn is_to_write(&self, row: &ParameterRow, context: SetupContext<'_>) -> bool {
+        match self.action {
+            Some(AutopilotAction::Undo) => true,
+            Some(AutopilotAction::Setup) => row.stage != CalibrationStage::Calibrated || context.heading_deg.is_some(),
+            _ => false,
+        }
     }
 
     /// Ends with a report.
     pub const fn end(&mut self, report: AutopilotReport) {
-        self.is_running = false;
+        (self.action, self.keeping) = (None, None);
         self.report = Some(report);
     }
 }

@@ -148,13 +148,15 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
     }
 }
 
-/// Action on the autopilot by the first parameter: 1 checks, 2 sets up, 3 restarts it.
+/// Action on the autopilot by the first parameter: 1 checks, 2 sets up, 3 restarts it, 4 undoes the setup.
 fn autopilot_action([action, ..]: [f32; 4]) -> Result<AutopilotAction, CommandRejection> {
-    const ACTION_OUT_OF_RANGE: OutOfRange = OutOfRange("an action on the autopilot is 1 to 3: check, set up, restart");
+    const ACTION_OUT_OF_RANGE: OutOfRange =
+        OutOfRange("an action on the autopilot is 1 to 4: check, set up, restart, undo");
     match action {
         1.0 => Ok(AutopilotAction::Check),
         2.0 => Ok(AutopilotAction::Setup),
         3.0 => Ok(AutopilotAction::Restart),
+        4.0 => Ok(AutopilotAction::Undo),
         _ => Err((MavResult::MAV_RESULT_DENIED, Some(Refusal::OutOfRange(ACTION_OUT_OF_RANGE)))),
     }
 }

@@ -120,6 +120,11 @@ impl Mavlink {
         self.autopilot_parameters.take_message(now)
     }
 
+    /// Takes a command that an action on the autopilot needs.
+    pub const fn take_command(&mut self) -> Option<Command> {
+        self.autopilot_parameters.take_command()
+    }
+
     /// Begins an action on the autopilot.
     pub fn begin_autopilot_action(&mut self, action: AutopilotAction) {
         self.autopilot_parameters.begin_action(action);

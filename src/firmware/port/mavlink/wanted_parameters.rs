@@ -46,6 +46,12 @@ impl ParameterRow {
         Self { firmware, link, stage, wanted: WantedParameter { name_pattern, number, reason } }
     }
 
+    /// Position of the parameter among those of its autopilot, the same for rows of the same name.
+    pub fn position(&self) -> u8 {
+        let is_same_name = |row: &ParameterRow| row.wanted.name_pattern == self.wanted.name_pattern;
+        PARAMETER_ROWS.iter().filter(|row| row.firmware == self.firmware).position(is_same_name).unwrap_or(0) as u8
+    }
+
     /// Row of a compass of ArduPilot.
     const fn compass(name_pattern: &'static str, number: f32, reason: &'static str) -> Self {
         Self::new(ARDUPILOT, (SetupLink::Compass, CalibrationStage::Always), name_pattern, Some(number), reason)

@@ -142,6 +142,13 @@ fn messages_and_state_changes_are_sent_as_texts() {
     assert_eq!((sent.len() > 2, long), (true, Message::CollectionLost.to_string()));
     bench.estimate = Estimate { heading: Err(NoHeading::SensorStuck), compass_field: None, ..bench.estimate };
     assert_eq!(log_texts(&bench.run_ms(10_000)), ["2 calibrated; no field: sensor-stuck"]);
+    bench.estimate.attitude = None;
+    assert_eq!(log_texts(&bench.run_ms(3000)), [] as [&str; 0], "on the ground nobody needs it");
+    bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[255]));
+    let sent: String = log_texts(&bench.run_ms(3000)).iter().map(|text| text.trim_start_matches("2 ")).collect();
+    assert!(sent.starts_with("armed, and no attitude arrives: "), "{sent}");
+    bench.estimate.attitude = Some(RollPitch::default());
+    assert_eq!(log_texts(&bench.run_ms(3000)), ["2 calibrated; no field: sensor-stuck"]);
     // A state of less than two seconds is not reported.
     bench.indicator = IndicatorState::Collecting(1);
     assert_eq!(log_texts(&bench.run_ms(1900)), [] as [&str; 0]);

@@ -105,10 +105,16 @@ fn a_reboot_command_must_be_for_the_module() {
 
 #[test]
 fn a_user_command_acts_on_the_autopilot() {
-    use AutopilotAction::{Check, Restart, Setup};
-    for (parameter, action) in
-        [(1.0, Some(Check)), (2.0, Some(Setup)), (3.0, Some(Restart)), (0.0, None), (4.0, None), (f32::NAN, None)]
-    {
+    use AutopilotAction::{Check, Restart, Setup, Undo};
+    for (parameter, action) in [
+        (1.0, Some(Check)),
+        (2.0, Some(Setup)),
+        (3.0, Some(Restart)),
+        (4.0, Some(Undo)),
+        (0.0, None),
+        (5.0, None),
+        (f32::NAN, None),
+    ] {
         let mut bench = MavlinkBench::with_autopilot();
         let frame = command_frame(GROUND_STATION, MODULE_ADDRESS, 31_010, 0, [parameter, 0.0, 0.0, 0.0]);
         assert_eq!(bench.receive_command(&frame), action.map(Command::Autopilot), "{parameter}");

@@ -6,7 +6,7 @@ use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing_firmware::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
-use autoswing_module::compass::IndicatorState;
+use autoswing_module::compass::{Command, IndicatorState};
 use autoswing_module::settings::Settings;
 
 use super::*;
@@ -45,6 +45,8 @@ struct Bench {
     module_frames: Vec<(u64, MavlinkFrame)>,
     inputs: AutopilotInputs,
     settings: Settings,
+    /// Whether the module keeps the numbers that a setup replaces.
+    can_store: bool,
     indicator_state: IndicatorState,
     heading: Result<Heading, NoHeading>,
     /// Texts for people.
@@ -63,6 +65,7 @@ impl Bench {
             module_frames: vec![],
             inputs: AutopilotInputs::default(),
             settings: Settings::DEFAULT,
+            can_store: true,
             indicator_state: IndicatorState::Idle,
             heading: Err(NoHeading::Uncalibrated),
             notices: vec![],
@@ -103,6 +106,11 @@ impl Bench {
         let mut transmit_buffer = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut transmit_buffer);
         self.notices.extend(self.module.take_message(snapshot.now).map(|notice| notice.to_string()));
+        if let Some(Command::KeepReplacedNumber(replaced)) = self.module.take_command()
+            && self.can_store
+        {
+            self.settings.replaced_numbers = self.settings.replaced_numbers.with_number(replaced);
+        }
         self.autopilot.receive_bytes(1000 * self.now_ms, transmit_buffer.pending_bytes());
         self.module_frames.extend(self.autopilot.take_received().into_iter().map(|frame| (self.now_ms, frame)));
     }

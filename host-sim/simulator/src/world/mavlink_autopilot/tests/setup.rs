@@ -109,6 +109,38 @@ fn a_setup_reports_what_it_could_not_write() {
     assert!(texts.last().unwrap().contains("15 right, 2 wrong, 1 changed, 1 missing"), "{texts:?}");
 }
 
+/// Also after both halves, of which both write `COMPASS_USE`, and with every third reply lost. A second undo finds nothing.
+#[test]
+fn an_undo_writes_every_number_of_before_the_setup() {
+    let mut bench = bench_with_two_compasses();
+    bench.autopilot.parameters.faults.lost_reply_period = 3;
+    let mine = ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X", "COMPASS_OFS2_Y"];
+    let before = numbers(&bench, mine);
+    run_action(&mut bench, AutopilotAction::Setup);
+    bench.indicator_state = IndicatorState::Calibrated;
+    bench.heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
+    run_action(&mut bench, AutopilotAction::Setup);
+    assert_ne!(numbers(&bench, mine), before);
+    let texts = run_action(&mut bench, AutopilotAction::Undo);
+    assert!(
+        texts.contains(&"parameter-set: COMPASS_ORIENT2 changed from 0 to 6: as before the setup".to_owned()),
+        "{texts:?}"
+    );
+    assert!(texts.last().unwrap().contains("3 right, 0 wrong, 2 changed; restart it"), "{texts:?}");
+    assert_eq!(numbers(&bench, mine), before);
+    let texts = run_action(&mut bench, AutopilotAction::Undo);
+    assert_eq!(texts, ["nothing-replaced: no setup has replaced a number of the autopilot's"]);
+}
+
+#[test]
+fn nothing_is_written_that_could_not_be_undone() {
+    let mut bench = bench_with_two_compasses();
+    bench.can_store = false;
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert!(texts.last().unwrap().starts_with("number-not-kept: "), "{texts:?}");
+    assert_eq!(numbers(&bench, ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X"]), ["1", "6", "120.5"]);
+}
+
 #[test]
 fn nothing_is_written_while_armed() {
     let mut bench = bench_with_two_compasses();
