@@ -15,8 +15,9 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
+use testkit::documents::{self, repository_root};
 
-use crate::fixtures::program::{self, interrupt_for_exit_code, repository_root};
+use crate::fixtures::program::{self, interrupt_for_exit_code};
 
 fn host_sim_command(arguments: &str) -> Command {
     program::host_sim_command(arguments.split(' '))
@@ -194,13 +195,11 @@ fn is_replaced_by_null(path: &str, documented: &str) -> bool {
     documented == path || [".", "[]"].iter().any(|below| documented.starts_with(&format!("{path}{below}")))
 }
 
-/// The paths in the tables of a section of docs/json.md.
+/// The paths of a section of docs/json-fields.txt.
 fn documented_paths(section: &str) -> BTreeSet<String> {
-    let text = fs::read_to_string(repository_root().join("docs/json.md")).unwrap();
-    let sections: Vec<_> = text.split("\n## ").collect();
-    let section = sections.iter().find(|text| text.lines().next().unwrap().contains(&format!("`{section}`"))).unwrap();
-    let rows = section.lines().filter(|line| line.starts_with("| `"));
-    rows.flat_map(|row| row.split('|').nth(1).unwrap().split('`').skip(1).step_by(2).map(str::to_owned)).collect()
+    let text = documents::document_text("docs/json-fields.txt");
+    let section = text.split("\n## ").find(|text| text.lines().next().unwrap().contains(section)).unwrap();
+    section.lines().skip(1).filter(|line| !line.is_empty()).map(str::to_owned).collect()
 }
 
 /// Decimals of the unit, or nine digits for coefficients.
@@ -238,12 +237,12 @@ fn assert_schema(section: &str, outputs: &[Value]) {
             Some(path) => documented.iter().any(|candidate_path| is_replaced_by_null(path, candidate_path)),
             None => documented.iter().any(|candidate_path| matches_documented_path(path, candidate_path)),
         };
-        assert!(is_documented, "{section}: {path} is not in docs/json.md");
+        assert!(is_documented, "{section}: {path} is not in docs/json-fields.txt");
     }
     for path in documented {
         assert!(
             output_paths.iter().any(|candidate_path| matches_documented_path(candidate_path, &path)),
-            "{section}: {path} of docs/json.md is not in the output"
+            "{section}: {path} of docs/json-fields.txt is not in the output"
         );
     }
 }
@@ -286,7 +285,7 @@ fn json_output_is_documented() {
     assert_schema("bench speed --json", &[json_output("bench speed --json")]);
     let flight = json_output("replay host-sim/data/flight.csv --json");
     assert_digits(&flight, "");
-    let text = fs::read_to_string(repository_root().join("docs/json.md")).unwrap();
+    let text = documents::document_text("docs/json.md");
     let mut output_paths = BTreeSet::new();
     collect_json_paths(&flight, "", &mut output_paths);
     // The keys of `log.passed_over` are causes, not documented names.

@@ -15,6 +15,7 @@ mod console;
 mod fixtures;
 mod ground;
 mod integrity;
+mod links;
 mod magnetometer;
 mod mission;
 mod persistence;

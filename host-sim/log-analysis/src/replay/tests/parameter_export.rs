@@ -275,7 +275,7 @@ fn a_turned_sensor_is_oriented_by_the_simplest_parameters() {
     }
 }
 
-/// The table of docs/how-replay-works.md: why a file gives no rotation by any angles.
+/// Why a file gives no rotation by any angles: docs/how-replay-works.md.
 #[test]
 fn an_orientation_that_parameters_do_not_express_is_left() {
     use ParameterFormat::{ArduPilot, Inav, Px4};
