@@ -4,12 +4,6 @@ use testkit::flash::{CutProgress, SilentFault};
 
 use super::*;
 
-#[test]
-fn a_failed_flash_write_is_reported() {
-    let mut flash = Flash::new(PAGE_COUNT).cut_at(0, (CutProgress::Before, 0));
-    assert_eq!(save_calibration(&mut flash, 1), Err(StoreError::Flash));
-}
-
 fn page_byte_range(page: usize) -> Range<usize> {
     page * PAGE_SIZE..(page + 1) * PAGE_SIZE
 }
