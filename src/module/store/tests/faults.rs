@@ -1,6 +1,6 @@
 //! Flash that fails to read or write: error code, text, and remaining values.
 
-use testkit::flash::{CutProgress, SilentFault};
+use testkit::flash::SilentFault;
 
 use super::*;
 
