@@ -7,7 +7,6 @@ mod architecture;
 mod automatic;
 mod autopilot_filter;
 mod autopilot_view;
-mod calibration_record;
 mod can;
 #[cfg(unix)]
 mod commands;

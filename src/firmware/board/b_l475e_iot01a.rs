@@ -20,7 +20,7 @@
 use autoswing_firmware::app;
 use autoswing_firmware::app::can::NoBootLoader;
 use autoswing_firmware::console::reply::VERSION;
-use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
+use autoswing_firmware::magnetometer::lis3mdl::Lis3mdl;
 use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
@@ -92,7 +92,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     // Without a transceiver the line is recessive: nothing is received, and therefore nothing is sent.
     pac::GPIOB.pupdr().modify(|pulls| pulls.set_pupdr(8, Pupdr::PULL_UP));
     let hardware = Hardware {
-        magnetometer: Lis3mdl::new(bus, Lis3mdlConfig::default()),
+        magnetometer: Lis3mdl::new(bus),
         uarts: Uarts {
             port_uarts: [
                 new_uart(p.UART4, p.PA1, p.PA0, Irqs, AUTOPILOT_UART_BUFFERS.init(UartBuffers::EMPTY)),

@@ -52,16 +52,6 @@ fn encoded_fields(value: &impl StoredFields) -> Vec<u8> {
     field_bytes_of_item(&encoded_item(value))
 }
 
-#[test]
-fn stored_items_round_trip() {
-    for state in [stored_state(), StoredState::default()] {
-        assert_eq!(fields::decode_fields(&encoded_fields(&state)), Ok(state));
-    }
-    let largest = CalibrationRecord { serial_number: u32::MAX, ..full_calibration_record() };
-    assert_eq!(fields::decode_fields(&encoded_fields(&largest)), Ok(largest));
-    assert!(encoded_item(&largest).len() <= MAX_ITEM_SIZE / 2, "room for as many fields again");
-}
-
 fn bytes_from_hex(hex: &str) -> Vec<u8> {
     let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
     digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
@@ -108,6 +98,7 @@ fn stored_bytes_keep_their_meaning() {
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(STATE))), Ok(state));
     assert_eq!(encoded_item(&full_calibration_record()), pinned_calibration_bytes());
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&pinned_calibration_bytes())), Ok(full_calibration_record()));
+    assert!(pinned_calibration_bytes().len() <= MAX_ITEM_SIZE / 2, "room for as many fields again");
 }
 
 #[test]
@@ -241,23 +232,8 @@ fn a_reference_beyond_the_slots_is_refused() {
 }
 
 #[test]
-fn a_flipped_bit_makes_an_item_damaged() {
-    let item = pinned_calibration_bytes();
-    let padding = 7;
-    for bit in 0..(item.len() - padding) * 8 {
-        let mut damaged = item.clone();
-        damaged[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(flash_page::parse_page(&damaged), PageContent::Damaged, "bit {bit}");
-    }
-}
-
-#[test]
-fn a_truncated_item_is_damaged() {
-    let item = pinned_calibration_bytes();
-    for length in 0..item.len() - 7 {
-        assert_eq!(flash_page::parse_page(&item[..length]), PageContent::Damaged, "{length}");
-    }
-    for fields in [encoded_fields(&stored_state()), field_bytes_of_item(&item)] {
+fn truncated_fields_are_refused() {
+    for fields in [encoded_fields(&stored_state()), encoded_fields(&full_calibration_record())] {
         let ends: Vec<_> = split_into_fields(&fields)
             .iter()
             .scan(0, |end, (_, field)| {
@@ -268,23 +244,5 @@ fn a_truncated_item_is_damaged() {
         for length in (0..fields.len()).filter(|length| !ends.contains(length)) {
             assert_eq!(fields::decode_fields::<StoredState>(&fields[..length]), Err(StoreError::Corrupt), "{length}");
         }
-    }
-}
-
-/// Items of random bytes with a correct CRC.
-#[test]
-fn random_fields_decode_to_valid_values_or_an_error() {
-    for seed in 0..20_000 {
-        let mut noise = testkit::random::Random(seed);
-        let mut fields =
-            if seed % 2 == 0 { encoded_fields(&stored_state()) } else { encoded_fields(&full_calibration_record()) };
-        for _ in 0..=seed % 7 {
-            let at = noise.bits() as usize % fields.len();
-            fields[at] = noise.byte();
-        }
-        let (state, record) =
-            (fields::decode_fields::<StoredState>(&fields), fields::decode_fields::<CalibrationRecord>(&fields));
-        assert!(state.is_ok_and(|state| state.settings.is_valid()) || state.is_err());
-        assert!(record.is_ok_and(|record| record.is_valid()) || record.is_err());
     }
 }
