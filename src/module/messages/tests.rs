@@ -202,11 +202,11 @@ fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
     let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
     let parameter = |state| {
         let (row, slot, priority, number, wanted, is_undo) = (&WANTED, 2, 1, -0.25, 1.0, false);
-        AutopilotReport::Parameter(ParameterReport { row, slot, priority, number, wanted, is_undo, state })
+        AutopilotReport::Parameter(ParameterReport { row, slot, priority, state, number, wanted, is_undo })
     };
     let counts = |wrong, changed| {
         let (right, missing, needs_restart) = (18, wrong / 2, changed > 1);
-        AutopilotReport::Summary(ParameterCounts { right, wrong, changed, missing, needs_restart })
+        AutopilotReport::Summary(ParameterCounts { right, wrong, missing, changed, needs_restart })
     };
     [
         (
