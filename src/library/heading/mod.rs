@@ -55,7 +55,11 @@ impl Heading {
     /// Adds an independent variance that is not systematic, square radians.
     #[must_use]
     pub fn with_added_variance(self, variance_rad2: f32) -> Self {
-        Self { sigma_rad: sqrt(square(self.sigma_rad) + variance_rad2), ..self }
+        if variance_rad2 > 0.0 {
+            Self { sigma_rad: sqrt(square(self.sigma_rad) + variance_rad2), ..self }
+        } else {
+            self
+        }
     }
 
     /// Standard deviation, degrees.
