@@ -58,6 +58,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal undo", "error nothing-to-undo: "),
         ("cal abort", "ok uncalibrated"),
         ("stream off", "ok stream off, 10 Hz, smooth heading"),
+        ("stream on", "ok stream on, 10 Hz, smooth heading"),
         ("stream rate 20", "ok stream on, 20 Hz, smooth heading"),
         ("stream rate 0", "error out-of-range: a rate is 1 to 80"),
         ("stream heading raw", "ok stream on, 20 Hz, raw heading"),
@@ -268,7 +269,7 @@ fn helped_commands(help: &str, word_count: usize) -> Vec<String> {
     let is_word = |word: &&str| word.starts_with(|letter: char| letter.is_ascii_lowercase());
     let words_of =
         |line: &str| line.split([' ', ':']).take_while(is_word).take(word_count).collect::<Vec<_>>().join(" ");
-    help.lines().skip(1).map(words_of).collect()
+    help.lines().skip(1).map(words_of).filter(|words| !words.is_empty()).collect()
 }
 
 /// docs/commands.txt has the help of every command, and the settings as they leave the factory.
