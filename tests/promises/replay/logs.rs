@@ -148,7 +148,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
     let (flight, evaluation) = compare_with_module(strip(&["MAG", "ATT"], &text).as_bytes());
     assert!(module_score(&evaluation.compasses[0]).rms_deg < 1.0, "{:?}", module_score(&evaluation.compasses[0]));
     assert!(warnings_text(&flight, &evaluation).contains("carry no time"));
-    let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "RCOU", "MSG", "PARM"], &text);
+    let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "RCOU", "MSG", "MODE", "PARM"], &text);
     let refused = log::read_flight(&mut without_columns.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
 }

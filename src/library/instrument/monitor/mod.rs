@@ -388,7 +388,8 @@ impl Monitor {
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => {
-                if slow_change == Some(SlowChange::Field) || self.innovation_gate.is_change_recent() {
+                let is_slow = slow_change == Some(SlowChange::Field) && is_usable == [true; 3];
+                if is_slow || self.innovation_gate.is_change_recent() {
                     self.inflate_by_unexplained_change(model, innovations, step_s);
                 }
                 is_usable
