@@ -84,6 +84,7 @@ fn replies_of_later_longer_versions_are_decoded() {
     let day = Date::from_unix_s(1_709_164_800);
     let expected = [
         (MspFunction::FcVariant, b"INAV".to_vec(), MspReply::FcVariant(AutopilotFirmware::Inav)),
+        (MspFunction::FcVariant, b"BTFL".to_vec(), MspReply::FcVariant(AutopilotFirmware::Betaflight)),
         (MspFunction::Status, status.to_vec(), MspReply::Armed(true)),
         (MspFunction::Status, [&[9; 6][..], &[0xFE, 0xFF], &[1; 3]].concat(), MspReply::Armed(false)),
         (MspFunction::RawGps, gps.to_vec(), MspReply::RawGps(place)),
