@@ -27,7 +27,7 @@ const EXAMPLES: &str = "Examples:
 /// Everything runs in virtual time and depends on the log or the seed only: the same command prints the same bytes. Exit
 /// codes: 0 good or calibrated, 1 not, 2 wrong command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md
 /// describes the output of --json. The program `lab` serves the module to other programs, emulates its firmware, and
-/// measures: docs/simulator.md.
+/// measures.
 #[derive(Debug, Parser)]
 #[command(name = "host-sim", version = VERSION, after_help = EXAMPLES, max_term_width = print::MAX_OUTPUT_COLUMNS)]
 pub struct Cli {
@@ -78,7 +78,10 @@ impl CliCommand {
         match self {
             Self::Fly(options) => fly::run_fly(options),
             Self::Replay(options) => match options.files.as_slice() {
-                [file] if !file.is_dir() => replay::run_replay(file, options),
+                [file] if !file.is_dir() => match replay::run_replay(file, options)? {
+                    Some(exit_code) => Ok(exit_code),
+                    None => several_logs::replay_several_logs(options),
+                },
                 _ => several_logs::replay_several_logs(options),
             },
         }

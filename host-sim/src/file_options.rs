@@ -1,7 +1,7 @@
 //! Files named on the command line: logs, airframes, reports.
 
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use log_analysis::log::csv::FieldUnit;
@@ -19,10 +19,16 @@ use crate::command_failure::CommandFailure;
 ///
 /// The file cannot be read, or holds no usable flight.
 pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<LoggedFlight, LogError> {
-    if path.as_os_str() == "-" {
-        return log::read_flight_of_system(&mut io::stdin().lock(), unit, system);
-    }
-    log::read_flight_of_system(&mut File::open(path)?, unit, system)
+    log::read_flight_of_system(&mut *open_log(path)?, unit, system)
+}
+
+/// The content of a log, or standard input if its name is `-`.
+///
+/// # Errors
+///
+/// The file cannot be opened.
+pub fn open_log(path: &Path) -> io::Result<Box<dyn Read>> {
+    Ok(if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(path)?) })
 }
 
 /// World for `table1`, `random`, or the path of an airframe file.

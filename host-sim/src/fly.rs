@@ -24,7 +24,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use crate::command_failure::CommandFailure;
 use crate::file_options::named_world;
-use crate::option_parsers::{ATTITUDE_NAMES, SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use crate::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
 use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 
 /// Fly a simulated aircraft that calibrates the module.
@@ -59,7 +59,7 @@ pub struct FlyOptions {
     pub sensor: SensorModel,
     /// Roll and pitch: of the autopilot; own, of the module's gyro and accelerometer, without any autopilot; or auto, the
     /// autopilot's with the rates of the module's gyro
-    #[arg(long, default_value = "autopilot", value_name = "autopilot|own|auto", value_parser = named_value(ATTITUDE_NAMES))]
+    #[arg(long, default_value = "autopilot", value_name = "autopilot|own|auto", value_parser = named_value(&AttitudeSource::NAMED_SOURCES))]
     attitude: AttitudeSource,
     /// Bank in an aeroplane's calibration turns, degrees, 5 to 60
     #[arg(long, default_value_t = 25.0, value_name = "DEG", value_parser = number_in_range(5.0, 60.0))]

@@ -3,7 +3,6 @@
 use std::fmt::Display;
 use std::str::FromStr;
 
-use autoswing::attitude::AttitudeSource;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use simulator::devices::sensor::SensorModel;
 use simulator::world::aircraft::VehicleKind;
@@ -14,10 +13,6 @@ pub const AIRCRAFT_NAMES: &[(&str, VehicleKind)] =
 
 /// Magnetometers of the simulated module.
 pub const SENSOR_NAMES: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3mdl), ("rm3100", SensorModel::Rm3100)];
-
-/// Sources of the module's attitude.
-pub const ATTITUDE_NAMES: &[(&str, AttitudeSource)] =
-    &[("autopilot", AttitudeSource::Autopilot), ("own", AttitudeSource::Own), ("auto", AttitudeSource::Automatic)];
 
 /// Parses a number in a range.
 pub fn number_in_range(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {

@@ -9,7 +9,7 @@ use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::{LogError, LogFormat, LoggedFlight};
 use log_analysis::replay::evaluation::{EvaluationOptions, FlightEvaluation};
 use log_analysis::replay::judgement_request::{JudgementError, evaluate_as_requested, settings_table};
-use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::parameter_export::{CorrectedTerms, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
@@ -39,6 +39,12 @@ const REFERENCE_NAMES: &[(&str, ReferenceKind)] = &[
     (ReferenceKind::AutopilotYaw.option_name(), ReferenceKind::AutopilotYaw),
 ];
 
+const CORRECTED_TERMS: &[(&str, CorrectedTerms)] = &[
+    (CorrectedTerms::Offsets.option_name(), CorrectedTerms::Offsets),
+    (CorrectedTerms::Scale.option_name(), CorrectedTerms::Scale),
+    (CorrectedTerms::All.option_name(), CorrectedTerms::All),
+];
+
 const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
 
 const EXAMPLES: &str = "Examples:
@@ -49,8 +55,8 @@ const EXAMPLES: &str = "Examples:
 
 /// Judge the compasses of a flight log; write parameters that correct them.
 ///
-/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), also decoded by mavlogdump, of PX4 (.ulg), tables, and a
-/// .zip with one of these are recognised by content; `-` is standard input.
+/// Logs of ArduPilot (DataFlash .bin or .log, MAVLink .tlog), also decoded by mavlogdump, of PX4 (.ulg), INAV and
+/// Betaflight (blackbox), tables, and a .zip or .gz with these are recognised by content; `-` is standard input.
 ///
 /// The verdict is on each compass as the aircraft flies it now, the one in use first, and on what to do: load the
 /// parameters, leave it, fly again, or replace it. With --module it is also compared with an Autoswing module.
@@ -61,7 +67,7 @@ const EXAMPLES: &str = "Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReplayArguments {
-    /// The log, `-` is standard input; several logs, or folders of logs, give one line each, the worst first
+    /// The log, `-` is standard input; several logs, or folders of logs with their subfolders, give one line each, the worst first
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
     /// Write the parameters to load; without any, an existing file is left as it is. A name that ends in .params gives
@@ -89,6 +95,10 @@ pub struct ReplayArguments {
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
     #[arg(long, value_name = "ardupilot|px4|inav", value_parser = named_value(PARAMETER_FORMATS))]
     pub params_for: Option<ParameterFormat>,
+    /// What the parameters correct, if all of it makes the compass useful: offsets; offsets and one scale; or offsets,
+    /// matrix, motor current and orientation. The report has the error of each
+    #[arg(long, default_value = "all", value_name = "offsets|scale|all", value_parser = named_value(CORRECTED_TERMS))]
+    pub correct: CorrectedTerms,
     /// Compare with an Autoswing module on this flight, and with fits of a sphere and an ellipsoid. The module fits the
     /// samples it keeps in any flight until they suffice (`flight`, also without a name); `all` usable rows, evenly thinned
     /// to its capacity; or the samples of its `turns` procedure
@@ -130,6 +140,7 @@ impl ReplayArguments {
             time_window_s: [self.from.unwrap_or(f64::NEG_INFINITY), self.to.unwrap_or(f64::INFINITY)],
             reference_kind: self.reference,
             field_latency_s: self.age.map(|latency_ms| latency_ms / 1e3),
+            corrected_terms: self.correct,
         }
     }
 
@@ -156,7 +167,15 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 ///
 /// The file cannot be read, or holds no usable flight.
 pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<LoggedFlight, JudgementError> {
-    let mut flight = read_log(file, options.unit, options.system)?;
+    with_given_mount(read_log(file, options.unit, options.system)?, options)
+}
+
+/// The flight with the orientation of the options.
+///
+/// # Errors
+///
+/// The orientation of a compass is that of the autopilot's board, or unknown.
+pub fn with_given_mount(mut flight: LoggedFlight, options: &ReplayArguments) -> Result<LoggedFlight, JudgementError> {
     if let Some(mount) = options.mount {
         if flight.log_format == LogFormat::Csv {
             flight.rotate_fields_to_body(mount);
@@ -185,12 +204,12 @@ fn failure_of_log(file: &Path, error: &JudgementError) -> CommandFailure {
     })
 }
 
-/// Judges the compasses of a log.
+/// Judges the compasses of a log; `None` if the file holds several logs.
 ///
 /// # Errors
 ///
 /// The log holds no usable flight, an option does not fit it, or a file cannot be written.
-pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, CommandFailure> {
+pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<Option<ExitCode>, CommandFailure> {
     if options.params_for.is_some() && options.params.is_none() && options.report.is_none() {
         return Err(CommandFailure(
             "--params-for chooses the format of a file: give --params FILE, or --report".to_owned(),
@@ -198,7 +217,10 @@ pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, Co
     }
     let bar = show_spinner("reading the log");
     let failed = |error: JudgementError| failure_of_log(file, &error);
-    let flight = read_flight(file, options).map_err(failed)?;
+    let flight = match read_flight(file, options) {
+        Err(JudgementError::Log(LogError::SeveralLogs(_))) if file.as_os_str() != "-" => return Ok(None),
+        read => read.map_err(failed)?,
+    };
     bar.set_message("evaluating the compasses");
     let evaluation = evaluate_log(&flight, options).map_err(failed)?;
     bar.finish_and_clear();
@@ -216,7 +238,7 @@ pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<ExitCode, Co
         print::print_text(&(text + &summary_text(file, written, &verdict)));
     }
     write_files(file, options, &verdict)?;
-    Ok(if verdict.is_good_or_correctable() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(Some(if verdict.is_good_or_correctable() { ExitCode::SUCCESS } else { ExitCode::FAILURE }))
 }
 
 fn write_files(file: &Path, options: &ReplayArguments, verdict: &Verdict<'_>) -> Result<(), CommandFailure> {

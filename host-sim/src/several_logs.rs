@@ -4,18 +4,21 @@ use std::io::{IsTerminal as _, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use log_analysis::log::{self, LogError, LoggedFlight};
+use log_analysis::replay::judgement_request::JudgementError;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::{CompassAction, CompassState, CompassVerdict, Verdict};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::command_failure::CommandFailure;
+use crate::file_options::open_log;
 use crate::print;
 use crate::progress::progress_bar;
-use crate::replay::{ReplayArguments, evaluate_log, read_flight};
+use crate::replay::{ReplayArguments, evaluate_log, with_given_mount};
 
-/// Names of logs in a folder end in one of these.
-const LOG_EXTENSIONS: [&str; 5] = ["bin", "log", "tlog", "ulg", "csv"];
+/// Names of logs end in one of these.
+const LOG_EXTENSIONS: [&str; 10] = ["bin", "log", "tlog", "rlog", "ulg", "ulog", "px4log", "csv", "bbl", "bfl"];
 
 /// Result of a log.
 struct LogLine {
@@ -37,21 +40,24 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
     if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
         return Err(CommandFailure("--params, --params-for, --out and --report take one log".to_owned()));
     }
-    let logs = expand_folders(&options.files)?;
+    let files = expand_folders(&options.files)?;
     let is_table_shown = stdout().is_terminal() && !options.json;
-    let bar = progress_bar("logs", logs.len() as u64);
-    let mut lines: Vec<LogLine> = logs
+    let bar = progress_bar("logs", files.len() as u64);
+    let mut lines: Vec<LogLine> = files
         .par_iter()
-        .map(|log| {
-            let line = judge_log(log, options);
+        .flat_map_iter(|file| {
+            let lines = judge_logs(file, options);
             bar.inc(1);
-            if is_table_shown {
+            for line in lines.iter().filter(|_| is_table_shown) {
                 bar.suspend(|| print::print_text(&line.table_row));
             }
-            line
+            lines
         })
         .collect();
     bar.finish_and_clear();
+    if lines.is_empty() {
+        return Err(CommandFailure("no logs in these folders".to_owned()));
+    }
     lines.sort_by(|a, b| b.rank.cmp(&a.rank).then_with(|| a.verdict_text.cmp(&b.verdict_text)));
     for line in lines.iter().filter(|_| !is_table_shown) {
         if options.json {
@@ -63,26 +69,24 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
     Ok(ExitCode::from(lines.iter().map(|line| line.exit_code).max().unwrap_or(2)))
 }
 
-/// Paths of the given log files, and of the logs in the given folders sorted by name.
-fn expand_folders(files: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
-    let mut logs = Vec::new();
-    for file in files {
-        if !file.is_dir() {
-            logs.push(file.clone());
+/// The given files, and all files in the given folders and their subfolders, sorted by name.
+fn expand_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
+    let mut files = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            files.push(path.clone());
             continue;
         }
-        let unreadable = |error| CommandFailure(format!("cannot read {}: {error}", file.display()));
-        let entries = std::fs::read_dir(file).map_err(unreadable)?;
-        let paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>();
-        let mut folder_logs: Vec<PathBuf> =
-            paths.map_err(unreadable)?.into_iter().filter(|path| is_log(path)).collect();
-        folder_logs.sort();
-        logs.extend(folder_logs);
+        let unreadable = |error| CommandFailure(format!("cannot read {}: {error}", path.display()));
+        let entries = std::fs::read_dir(path).map_err(unreadable)?;
+        let entries = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>();
+        // A link to a folder may be one to a folder around it.
+        let mut entries = entries.map_err(unreadable)?;
+        entries.retain(|entry| entry.is_file() || entry.is_dir() && !entry.is_symlink());
+        entries.sort();
+        files.extend(expand_folders(&entries)?);
     }
-    if logs.is_empty() {
-        return Err(CommandFailure(format!("no logs in these folders (.{})", LOG_EXTENSIONS.join(", ."))));
-    }
-    Ok(logs)
+    Ok(files)
 }
 
 /// Whether the name of a file is that of a log.
@@ -93,15 +97,35 @@ pub fn is_log(path: &Path) -> bool {
     path.extension().is_some_and(is_known)
 }
 
-fn judge_log(log: &Path, options: &ReplayArguments) -> LogLine {
-    let name = log.display().to_string();
-    let judgement = read_flight(log, options).and_then(|flight| {
+/// Lines of the logs in a file; none of a file in a folder that is no log by content and name.
+fn judge_logs(file: &Path, options: &ReplayArguments) -> Vec<LogLine> {
+    let file_name = file.display().to_string();
+    let mut lines = Vec::new();
+    let visited = open_log(file).map_err(LogError::from).and_then(|mut source| {
+        log::visit_flights(&mut *source, options.unit, options.system, &mut |name, flight| {
+            let name = if name.is_empty() { file_name.clone() } else { format!("{file_name}/{name}") };
+            lines.push(judge_log(&name, flight, options));
+        })
+    });
+    let is_in_folder = !options.files.iter().any(|given| given == file);
+    match visited {
+        Err(LogError::UnknownFormat | LogError::Empty | LogError::ArchiveWithoutLog(_))
+            if is_in_folder && !is_log(file) => {}
+        Err(error) => lines.push(judge_log(&file_name, Err(error), options)),
+        Ok(()) => {}
+    }
+    lines
+}
+
+fn judge_log(name: &str, flight: Result<LoggedFlight, LogError>, options: &ReplayArguments) -> LogLine {
+    let judgement = flight.map_err(JudgementError::from).and_then(|flight| {
+        let flight = with_given_mount(flight, options)?;
         let evaluation = evaluate_log(&flight, options)?;
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
-        Ok(judged_line(&name, &verdict))
+        Ok(judged_line(name, &verdict))
     });
     judgement.unwrap_or_else(|error| {
-        let why = error.text_for_log(&name);
+        let why = error.text_for_log(name);
         LogLine {
             rank: (u8::MAX, 0),
             exit_code: 2,

@@ -11,7 +11,6 @@
 //! Equal numbers give equal inputs. A failing input is reduced and printed. NMEA has no decoder, because the module
 //! receives no sentences.
 
-#[path = "../promises/calibration_record.rs"]
 mod calibration_record;
 mod console;
 mod dronecan;

@@ -10,6 +10,7 @@ use std::sync::LazyLock;
 
 use syn::visit::{self, Visit};
 use syn::{Item, UseTree};
+use testkit::documents::{document_text, repository_root};
 
 /// Path of a module or item from the crate's root.
 type ModulePath = Vec<String>;
@@ -29,10 +30,6 @@ const SOURCE_FOLDERS: [&str; 9] = [
     "host-sim/src",
     "host-sim/laboratory/src",
 ];
-
-fn repository_root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
 
 /// A crate's modules without unit tests: which items they define, which names they import, and which paths they use.
 #[derive(Default)]
@@ -288,7 +285,7 @@ fn rust_files(folder: &Path, paths: &mut Vec<PathBuf>) {
 
 /// Floor of each room, parsed from the diagram: a number followed by names.
 fn parse_floors() -> BTreeMap<String, u32> {
-    let text = fs::read_to_string(repository_root().join("docs/architecture.md")).expect("docs/architecture.md");
+    let text = document_text("docs/architecture.md");
     let diagram =
         text.split("```text").nth(1).and_then(|after_fence| after_fence.split("```").next()).expect("a diagram");
     let mut floors = BTreeMap::new();

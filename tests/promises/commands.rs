@@ -9,11 +9,15 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::Duration;
 
+use log_analysis::log::log_writers::encode_blackbox;
 use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
+use simulator::recording::record_turns;
+use simulator::world::WorldConfig;
+use testkit::documents::{self, repository_root};
 
-use crate::fixtures::program::{self, interrupt_for_exit_code, repository_root};
+use crate::fixtures::program::{self, interrupt_for_exit_code};
 
 fn host_sim_command(arguments: &str) -> Command {
     program::host_sim_command(arguments.split(' '))
@@ -191,13 +195,11 @@ fn is_replaced_by_null(path: &str, documented: &str) -> bool {
     documented == path || [".", "[]"].iter().any(|below| documented.starts_with(&format!("{path}{below}")))
 }
 
-/// The paths in the tables of a section of docs/json.md.
+/// The paths of a section of docs/json-fields.txt.
 fn documented_paths(section: &str) -> BTreeSet<String> {
-    let text = fs::read_to_string(repository_root().join("docs/json.md")).unwrap();
-    let sections: Vec<_> = text.split("\n## ").collect();
-    let section = sections.iter().find(|text| text.lines().next().unwrap().contains(&format!("`{section}`"))).unwrap();
-    let rows = section.lines().filter(|line| line.starts_with("| `"));
-    rows.flat_map(|row| row.split('|').nth(1).unwrap().split('`').skip(1).step_by(2).map(str::to_owned)).collect()
+    let text = documents::document_text("docs/json-fields.txt");
+    let section = text.split("\n## ").find(|text| text.lines().next().unwrap().contains(section)).unwrap();
+    section.lines().skip(1).filter(|line| !line.is_empty()).map(str::to_owned).collect()
 }
 
 /// Decimals of the unit, or nine digits for coefficients.
@@ -235,12 +237,12 @@ fn assert_schema(section: &str, outputs: &[Value]) {
             Some(path) => documented.iter().any(|candidate_path| is_replaced_by_null(path, candidate_path)),
             None => documented.iter().any(|candidate_path| matches_documented_path(path, candidate_path)),
         };
-        assert!(is_documented, "{section}: {path} is not in docs/json.md");
+        assert!(is_documented, "{section}: {path} is not in docs/json-fields.txt");
     }
     for path in documented {
         assert!(
             output_paths.iter().any(|candidate_path| matches_documented_path(candidate_path, &path)),
-            "{section}: {path} of docs/json.md is not in the output"
+            "{section}: {path} of docs/json-fields.txt is not in the output"
         );
     }
 }
@@ -283,7 +285,7 @@ fn json_output_is_documented() {
     assert_schema("bench speed --json", &[json_output("bench speed --json")]);
     let flight = json_output("replay host-sim/data/flight.csv --json");
     assert_digits(&flight, "");
-    let text = fs::read_to_string(repository_root().join("docs/json.md")).unwrap();
+    let text = documents::document_text("docs/json.md");
     let mut output_paths = BTreeSet::new();
     collect_json_paths(&flight, "", &mut output_paths);
     // The keys of `log.passed_over` are causes, not documented names.
@@ -320,6 +322,32 @@ fn instructions_stay_within_their_budgets_and_the_json_of_them_is_documented() {
         assert!(budget["counted"].as_u64().unwrap() <= budget["limit"].as_u64().unwrap(), "{budget}");
     }
     assert_schema("bench budget --json", &[output]);
+}
+
+/// A log without an extension in a subfolder, a blackbox of two flights, a damaged log, and no log.
+#[test]
+fn a_folder_gives_a_line_for_each_log_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path_in_folder = |name: &str| folder.path().join(name);
+    let blackbox = encode_blackbox(&record_turns(&WorldConfig::of_table1(1), 0.0));
+    fs::create_dir(path_in_folder("day")).unwrap();
+    fs::copy(repository_root().join("host-sim/data/flight.csv"), path_in_folder("day/1")).unwrap();
+    for (name, bytes) in
+        [("LOG.TXT", [&blackbox[..], &blackbox].concat()), ("a.BIN", vec![0; 99]), ("notes.txt", b"windy".to_vec())]
+    {
+        fs::write(path_in_folder(name), bytes).unwrap();
+    }
+    let (code, stdout_text, stderr_text) = run_command(&format!("replay --json {}", folder.path().display()));
+    let mut names: Vec<String> = stdout_text
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap()["file"].as_str().unwrap().to_owned())
+        .map(|file| file.rsplit_once(&format!("{}/", folder.path().display())).unwrap().1.to_owned())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["LOG.TXT/flight 1", "LOG.TXT/flight 2", "a.BIN", "day/1"], "{stderr_text}");
+    assert_eq!(code, Some(2), "{stderr_text}");
+    let (_, stdout_text, _) = run_command(&format!("replay {}", path_in_folder("LOG.TXT").display()));
+    assert_eq!(stdout_text.lines().count(), 2, "{stdout_text}");
 }
 
 const TABLE: &str = "replay host-sim/data/flight.csv";

@@ -138,14 +138,10 @@ pub fn max_error_deg(headings_deg: impl IntoIterator<Item = f64>, true_deg: f64)
 /// Commands of the program `host-sim`.
 #[cfg(unix)]
 pub mod program {
-    use std::path::{Path, PathBuf};
     use std::process::{Child, Command, Stdio};
 
     use rustix::process::{Pid, Signal, kill_process};
-
-    pub fn repository_root() -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-    }
+    use testkit::documents::repository_root;
 
     /// `host-sim` with arguments, in the root.
     pub fn host_sim_command<'a>(arguments: impl IntoIterator<Item = &'a str>) -> Command {

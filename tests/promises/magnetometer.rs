@@ -6,7 +6,7 @@ use std::rc::Rc;
 use autoswing::frames::Field;
 use autoswing::reading::Reading;
 use autoswing_firmware::chip::{ChipError, MeasuringChip as _};
-use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
+use autoswing_firmware::magnetometer::lis3mdl::Lis3mdl;
 use autoswing_firmware::magnetometer::rm3100::Rm3100;
 use embassy_time::Instant;
 use simulator::devices::i2c::{BusError, SimulatedI2cBus};
@@ -32,7 +32,7 @@ fn run_with_driver<F: Future<Output = ()> + 'static>(
     let chip = chip::SimulatedLis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
-    simulation.run_to_end(ExecutorLevel::Interrupt, script(Lis3mdl::new(bus, Lis3mdlConfig::default()), chip));
+    simulation.run_to_end(ExecutorLevel::Interrupt, script(Lis3mdl::new(bus), chip));
 }
 
 fn measured_at_us(reading: &Reading) -> f32 {
@@ -155,7 +155,9 @@ fn a_chip_that_is_no_working_rm3100_is_not_started() {
     run_with_rm3100(1.0, |mut driver, chip| async move {
         for (fault, error) in [
             (Rm3100Fault::WrongRevision(0x23), ChipError::WrongIdentity(0x23)),
+            (Rm3100Fault::BrokenOscillator(0), ChipError::SelfTest(0xEF)),
             (Rm3100Fault::BrokenOscillator(1), ChipError::SelfTest(0xDF)),
+            (Rm3100Fault::BrokenOscillator(2), ChipError::SelfTest(0xBF)),
             (Rm3100Fault::NeverReady, ChipError::NoData),
         ] {
             chip.borrow_mut().set_fault(Some(fault));

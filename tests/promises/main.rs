@@ -7,7 +7,6 @@ mod architecture;
 mod automatic;
 mod autopilot_filter;
 mod autopilot_view;
-mod calibration_record;
 mod can;
 #[cfg(unix)]
 mod commands;
@@ -15,6 +14,7 @@ mod console;
 mod fixtures;
 mod ground;
 mod integrity;
+mod links;
 mod magnetometer;
 mod mission;
 mod own_attitude;

@@ -85,7 +85,9 @@ fn the_own_attitude_is_sent_while_the_chip_answers() {
 fn the_own_attitude_is_used_automatically_without_an_autopilot() {
     let mut rig = held_rig(AttitudeSource::Automatic);
     rig.world.set_sends_attitude(false);
-    rig.run_for_s(13.0);
+    rig.run_for_s(1.0);
+    rig.send_console_line("set attitude auto");
+    rig.run_for_s(12.0);
     assert_eq!(status_line(&mut rig, "attitude: "), "none received");
     rig.run_for_s(4.0);
     assert!(status_line(&mut rig, "attitude: ").starts_with("roll"));

@@ -3,8 +3,6 @@
 use autoswing::calibration::Calibration;
 use autoswing::frames::{Field, RollPitch, wrap_pi};
 use autoswing_firmware::health::ResetCause;
-use autoswing_module::store::{LoadedValues, Store, StoreChange, StoreError, StoredCalibrations};
-use embassy_futures::block_on;
 use simulator::devices::nor_flash::CutOutcome;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::rig::Rig;
@@ -12,9 +10,7 @@ use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
-use testkit::flash::{CutProgress, RamFlash};
 
-use crate::calibration_record::calibration_record;
 use crate::fixtures::{
     append_routine, calibrated_rig, fly_turns, full_status, run_until_legs_end, shown_calibration, status_line,
 };
@@ -187,79 +183,6 @@ fn a_calibration_is_not_used_with_another_mounting() {
     assert!(status.contains("calibration: number 1, not applied: it is of mount none"), "{status}");
     assert!(rig.send_console_line("set mount none").contains("ok mount none, align 0.0 deg; calibrated"));
 }
-
-/// Region of the store on the board: eight pages of 2 KB.
-type StoreFlash = RamFlash<2048>;
-const STORE_PAGES: usize = 8;
-
-fn stored_calibrations(serial: u32) -> StoredCalibrations {
-    StoredCalibrations {
-        current_calibration: Some(calibration_record(serial)),
-        previous_calibration: Some(calibration_record(serial.wrapping_sub(1))),
-    }
-}
-
-fn open_store(flash: &mut StoreFlash) -> Store<&mut StoreFlash> {
-    Store::new(flash, 0..(2048 * STORE_PAGES) as u32)
-}
-
-fn save_calibration(flash: &mut StoreFlash, serial: u32) -> Result<(), StoreError> {
-    let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
-        stored_calibrations(serial);
-    let change = StoreChange::StoredCalibrations { current: current.as_ref(), previous: previous.as_ref() };
-    block_on(open_store(flash).save_change(change))
-}
-
-fn load_calibrations(flash: &mut StoreFlash) -> Result<StoredCalibrations, StoreError> {
-    let LoadedValues { stored_values: stored, load_error: error } = block_on(open_store(flash).load_state());
-    error.map_or(Ok(stored.stored_calibrations), Err)
-}
-
-/// Power fails at every program and erase of a save, at every fill of the region, and after the restart again in the
-/// next save: the old or the new record is loaded, and saves succeed. Second cuts are tested at every operation near
-/// the ends of the save (headers, markers), and at every seventh of the equivalent words between.
-#[test]
-fn power_cuts_anywhere_leave_old_or_new() {
-    let mut cases = 0;
-    let mut start = StoreFlash::new(STORE_PAGES);
-    let mut old = StoredCalibrations::default();
-    for saves in 0..11 {
-        for (first, first_cut) in power_cuts_of_save(&start, saves + 1) {
-            let mut flash = start.cut_at(first, first_cut);
-            save_calibration(&mut flash, saves + 1).unwrap_err();
-            let mut once_cut_flash = flash.power_on();
-            let case = format!("{saves} saves, {first_cut:?} at {first}");
-            let between = load_and_assert_allowed(&mut once_cut_flash, &[old, stored_calibrations(saves + 1)], &case);
-            for (second, second_cut) in power_cuts_of_save(&once_cut_flash, saves + 2) {
-                let mut flash = once_cut_flash.cut_at(second, second_cut);
-                let case = format!("{case}, {second_cut:?} at {second}");
-                save_calibration(&mut flash, saves + 2).unwrap_err();
-                let mut flash = flash.power_on();
-                load_and_assert_allowed(&mut flash, &[between, stored_calibrations(saves + 2)], &case);
-                save_calibration(&mut flash, 1000).unwrap_or_else(|error| panic!("{case}: {error:?}"));
-                assert_eq!(load_calibrations(&mut flash), Ok(stored_calibrations(1000)), "{case}");
-                cases += 1;
-            }
-        }
-        save_calibration(&mut start, saves + 1).unwrap();
-        old = stored_calibrations(saves + 1);
-    }
-    assert!(cases > 20_000, "{cases}");
-}
-
-fn load_and_assert_allowed(flash: &mut StoreFlash, allowed: &[StoredCalibrations], case: &str) -> StoredCalibrations {
-    let loaded = load_calibrations(flash).unwrap_or_else(|error| panic!("{case}: {error:?}"));
-    assert!(allowed.contains(&loaded), "{case}: {loaded:?}");
-    loaded
-}
-
-/// Operation and kind of each power cut during a save.
-fn power_cuts_of_save(flash: &StoreFlash, serial: u32) -> impl Iterator<Item = (usize, (CutProgress, u64))> + use<> {
-    let mut complete = flash.power_on();
-    save_calibration(&mut complete, serial).unwrap();
-    CutProgress::cuts_at_sampled_operations(complete.operation_count)
-}
-
 /// Armed aeroplane on its routine, with automatic collection.
 fn armed_rig() -> Rig {
     let mut rig = Rig::new(WorldConfig::of_table1(7));

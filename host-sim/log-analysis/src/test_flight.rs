@@ -51,6 +51,7 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
             displacement_m: [0.0; 2],
             current_a: 0.0,
             is_armed: true,
+            flight_mode: 0,
             outputs: Vec::new(),
             esc_currents_a: Vec::new(),
             further_currents_a: Vec::new(),

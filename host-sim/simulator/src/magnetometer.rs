@@ -4,8 +4,9 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use autoswing_firmware::app::{self, TaskLinks};
-use autoswing_firmware::magnetometer::lis3mdl::Lis3mdlConfig as DriverConfig;
-use autoswing_firmware::magnetometer::{self, Magnetometer};
+use autoswing_firmware::magnetometer::Magnetometer;
+use autoswing_firmware::magnetometer::lis3mdl::Lis3mdl;
+use autoswing_firmware::magnetometer::rm3100::Rm3100;
 use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;
@@ -69,20 +70,8 @@ impl SimulatedMagnetometer {
     /// Starts the firmware's sensor task with the chip's driver.
     pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<TaskLinks>) {
         match self {
-            Self::Lis3mdl(_, bus) => {
-                spawn_sensor_task(
-                    simulation,
-                    links,
-                    magnetometer::lis3mdl::Lis3mdl::new(bus.clone(), DriverConfig::default()),
-                );
-            }
-            Self::Rm3100(chip) => {
-                spawn_sensor_task(
-                    simulation,
-                    links,
-                    magnetometer::rm3100::Rm3100::new(SelectedDevice::new(chip.clone())),
-                );
-            }
+            Self::Lis3mdl(_, bus) => spawn_sensor_task(simulation, links, Lis3mdl::new(bus.clone())),
+            Self::Rm3100(chip) => spawn_sensor_task(simulation, links, Rm3100::new(SelectedDevice::new(chip.clone()))),
         }
     }
 }

@@ -65,18 +65,11 @@ pub struct TrueMoment {
     pub attitude: RollPitch,
     /// True magnetic heading, degrees.
     pub heading_deg: f64,
-    /// Metres magnetic east and north of the start.
-    pub position_m: [f64; 2],
 }
 
 impl TrueMoment {
     fn from_state(state: &TrueState) -> Self {
-        Self {
-            time_s: state.time_us as f64 / 1e6,
-            attitude: state.attitude(),
-            heading_deg: state.heading_deg(),
-            position_m: [state.east_m, state.north_m],
-        }
+        Self { time_s: state.time_us as f64 / 1e6, attitude: state.attitude(), heading_deg: state.heading_deg() }
     }
 }
 
@@ -194,8 +187,10 @@ impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
         (self.on_progress)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
-        if self.module.world().world_config().attitude == AttitudeSource::Own {
-            self.send_console_line("set attitude own");
+        let source = self.module.world().world_config().attitude;
+        if source != AttitudeSource::Autopilot {
+            let (name, _) = AttitudeSource::NAMED_SOURCES[source as usize];
+            self.send_console_line(&format!("set attitude {name}"));
         }
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         self.send_console_line("status");

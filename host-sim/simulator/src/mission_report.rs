@@ -109,7 +109,7 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
             format!("calibrated, but cal show could not be read: {expected_error}")
         }
     };
-    VerdictLine { compass_state, state_word, verdict_text: text }
+    VerdictLine { compass_state: Some(compass_state), state_word, verdict_text: text }
 }
 
 fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
@@ -231,7 +231,6 @@ fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
         heading_deg: Some(true_moment.heading_deg),
         roll_deg: f64::from(true_moment.attitude.roll_rad.to_degrees()),
         pitch_deg: f64::from(true_moment.attitude.pitch_rad.to_degrees()),
-        position_m: Some(true_moment.position_m),
         is_usable: true,
         ..ReportSample::default()
     }

@@ -50,6 +50,7 @@ pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mu
         displacement_m: true_north([truth.north_m, truth.east_m]),
         current_a: truth.current_a(),
         is_armed: true,
+        flight_mode: 0,
         outputs: world.outputs(at_us).to_vec(),
         esc_currents_a: Vec::new(),
         further_currents_a: Vec::new(),

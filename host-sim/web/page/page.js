@@ -23,7 +23,8 @@ function send(request) {
 function choices() {
   const number = (name) => (form.elements[name].value === "" ? null : form.elements[name].valueAsNumber);
   const compass = Number(form.elements.compass.value) || null;
-  return { module: form.elements.module.value || null, compass, from_s: number("from_s"), to_s: number("to_s"), reference: form.elements.reference.value || null };
+  return { module: form.elements.module.value || null, compass, from_s: number("from_s"), to_s: number("to_s"), reference: form.elements.reference.value || null,
+    correct: form.elements.correct.value, inclination_deg: number("inclination_deg") };
 }
 
 const DEFAULT_OPTIONS = { module: null, compass: null, from_s: null, to_s: null, reference: null };

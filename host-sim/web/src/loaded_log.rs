@@ -6,7 +6,7 @@ use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::{self, LogError, LogFormat, LoggedFlight};
 use log_analysis::replay::evaluation::EvaluationOptions;
 use log_analysis::replay::judgement_request::{JudgementError, evaluate_as_requested, settings_table};
-use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::parameter_export::{CorrectedTerms, ParameterFormat};
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
@@ -36,6 +36,11 @@ pub struct PageChoices {
     pub to_s: Option<f64>,
     /// Heading that errors are measured against; the best in the log if absent.
     pub reference: Option<ReferenceKind>,
+    /// Terms that the parameter files correct.
+    #[serde(default)]
+    pub correct: CorrectedTerms,
+    /// Inclination of the Earth field, degrees; needed by a table without place and heading.
+    pub inclination_deg: Option<f64>,
 }
 
 /// Contents of a log that the page offers choices of.
@@ -116,6 +121,8 @@ impl PageChoices {
             compass_number: self.compass,
             time_window_s: [self.from_s.unwrap_or(f64::NEG_INFINITY), self.to_s.unwrap_or(f64::INFINITY)],
             reference_kind: self.reference,
+            inclination_deg: self.inclination_deg,
+            corrected_terms: self.correct,
             ..EvaluationOptions::DEFAULT
         }
     }
@@ -143,6 +150,8 @@ mod tests {
             from_s: None,
             to_s: None,
             reference: None,
+            correct: CorrectedTerms::All,
+            inclination_deg: None,
         };
         let [judged_whole, chosen] =
             [judged_whole, serde_json::from_str(CHOICES).unwrap()].map(|choices| log.judge_log(&choices).unwrap());

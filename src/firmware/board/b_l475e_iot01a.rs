@@ -22,7 +22,7 @@ use autoswing_firmware::app;
 use autoswing_firmware::app::can::NoBootLoader;
 use autoswing_firmware::console::reply::VERSION;
 use autoswing_firmware::inertial_sensor::lsm6dsl::Lsm6dsl;
-use autoswing_firmware::magnetometer::lis3mdl::{Lis3mdl, Lis3mdlConfig};
+use autoswing_firmware::magnetometer::lis3mdl::Lis3mdl;
 use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use defmt_rtt as _;
 use embassy_embedded_hal::shared_bus::asynch::i2c::I2cDevice;
@@ -105,7 +105,7 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     // Without a transceiver the line is recessive: nothing is received, and therefore nothing is sent.
     pac::GPIOB.pupdr().modify(|pulls| pulls.set_pupdr(8, Pupdr::PULL_UP));
     let hardware = Hardware {
-        magnetometer: Lis3mdl::new(SensorBus::new(bus), Lis3mdlConfig::default()),
+        magnetometer: Lis3mdl::new(SensorBus::new(bus)),
         inertial_sensor: InertialSensor::new(SensorBus::new(bus), InertialSensor::ADDRESS_SA0_LOW),
         uarts: Uarts {
             port_uarts: [

@@ -192,7 +192,8 @@ pub(crate) mod registers {
         }
     }
 
-    /// Flips each bit of the registers of an initialised chip; the driver must detect it, and restore it by `init`.
+    /// Flips each bit of the registers of an initialised chip; the driver must detect it, and restore it by `init`, which
+    /// fails if it cannot.
     pub async fn assert_every_bit_is_verified<D: Magnetometer<BusError: PartialEq>>(
         driver: &mut D,
         bus: impl Fn(&mut D) -> &mut SimulatedRegisters,
@@ -206,6 +207,9 @@ pub(crate) mod registers {
                 bus(driver).values[register] ^= 1 << bit;
                 let read = bus(driver).values[register];
                 assert_eq!(driver.verify_configuration().await, Err(ChipError::Configuration { written, read }));
+                bus(driver).write_protected.push(register as u8);
+                assert_eq!(driver.init().await, Err(ChipError::Configuration { written, read }));
+                bus(driver).write_protected.pop();
                 driver.init().await.unwrap();
                 assert_eq!(bus(driver).values[register], written);
             }

@@ -10,6 +10,7 @@ mod line_editor;
 mod parser;
 pub mod reply;
 pub mod session;
+mod wrapped_lines;
 
 pub use command_table::{ConsoleCommand, Request};
 pub use line_editor::LINE_CAPACITY;

@@ -6,14 +6,12 @@ use super::line_editor::{Editor, Key, KeyDecoder, PROMPT};
 use super::parser::{self, LineError};
 use crate::console::command_table::Request;
 use crate::console::parser::parse_request;
+use crate::console::wrapped_lines::WrappedLines;
 
 /// Output buffer. The longest reply, `status` after a full line of echo, takes half of it. Output beyond the capacity
 /// is cut: a terminal that accepts no bytes must not stop the module.
 #[derive(Debug, Default)]
 pub struct ConsoleOutput(heapless::Vec<u8, 2048>);
-
-/// Width of a list of words, columns of the narrowest usual terminal.
-const LIST_COLUMNS: usize = 79;
 
 /// Writes carriage return and line feed for a line end.
 impl Write for ConsoleOutput {
@@ -110,16 +108,11 @@ impl Session {
         }
         if completion.continuation.is_empty() && completion.match_count > 1 {
             let _ = output.write_str("\n");
-            let mut column = 0;
+            let mut lines = WrappedLines::new(output);
             parser::complete_line(editor.text_before_cursor(), &mut |word| {
-                if column + word.len() > LIST_COLUMNS {
-                    column = 0;
-                    let _ = output.write_str("\n");
-                }
-                column += word.len() + 2;
-                let _ = write!(output, "{word}  ");
+                let _ = write!(lines, "{word}  ");
             });
-            let _ = output.write_str("\n");
+            let _ = lines.write_str("\n");
             editor.draw_line(output);
         }
     }

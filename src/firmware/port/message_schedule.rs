@@ -64,10 +64,4 @@ mod tests {
         assert!(!schedule.is_due(Timestamp::from_us(5_299_999), 10));
         assert!(schedule.is_due(Timestamp::from_us(5_300_000), 10));
     }
-
-    /// A rate of zero, which the settings reject, means 1 Hz here.
-    #[test]
-    fn a_rate_of_zero_means_1_hz() {
-        assert_eq!(messages_per_second(12_500, 0), 1);
-    }
 }

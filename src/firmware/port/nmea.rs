@@ -74,7 +74,6 @@ mod tests {
     use super::*;
     use crate::port::snapshot::tests::test_snapshot;
     use autoswing::frames::RollPitch;
-    use autoswing::heading::NoHeading;
     use autoswing::instrument::Estimate;
     use autoswing::time::Timestamp;
     use autoswing_module::settings::{HeadingKind, Settings};
@@ -95,24 +94,6 @@ mod tests {
 
     fn with_declination(declination_deg: f32) -> Settings {
         Settings { declination_deg: Some(declination_deg), ..Settings::DEFAULT }
-    }
-
-    #[test]
-    fn a_true_heading_is_sent_if_the_declination_is_known() {
-        let estimate = Estimate { heading: Ok(RAW_HEADING), ..Estimate::EMPTY };
-        let text = sentences_text(&estimate, &with_declination(-3.5));
-        let bodies: Vec<&str> = text.lines().map(|line| line.split_once('*').unwrap().0).collect();
-        assert_eq!(bodies, ["$HCHDM,101.1,M", "$HCHDG,101.1,,,3.5,W", "$HCHDT,097.6,T", "$PASWH,101.1,0.6,ok,raw"]);
-        let text = sentences_text(&estimate, &Settings::DEFAULT);
-        assert!(!text.contains("HCHDT") && text.lines().count() == 3, "{text}");
-    }
-
-    #[test]
-    fn an_empty_heading_is_sent_with_its_reason() {
-        let estimate = Estimate { heading: Err(NoHeading::SensorSaturated), ..Estimate::EMPTY };
-        let text = sentences_text(&estimate, &with_declination(1.0));
-        let bodies: Vec<&str> = text.lines().map(|line| line.split_once('*').unwrap().0).collect();
-        assert_eq!(bodies, ["$HCHDM,,M", "$HCHDG,,,,1.0,E", "$HCHDT,,T", "$PASWH,,,sensor-saturated,"]);
     }
 
     /// Roll 3 deg to starboard, nose 4.5 deg down, a turn of 2 deg/s to port.

@@ -162,23 +162,6 @@ mod tests {
         bytes
     }
 
-    #[test]
-    fn a_detected_protocol_expires_after_ten_seconds_of_silence() {
-        for (frame, protocol) in [(heartbeat_frame(), ProtocolKind::Mavlink), (msp_firmware_frame(), ProtocolKind::Msp)]
-        {
-            let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
-            assert_eq!(port.active_protocol(timestamp_ms(0)), ProtocolKind::Auto);
-            receive_bytes(&mut port, 5, &frame[..frame.len() - 1]);
-            assert_eq!(port.active_protocol(timestamp_ms(5)), ProtocolKind::Auto, "half a frame is none");
-            receive_bytes(&mut port, 6, &frame[frame.len() - 1..]);
-            assert_eq!(port.active_protocol(timestamp_ms(6)), protocol);
-            assert_eq!(port.active_protocol(timestamp_ms(10_006)), protocol);
-            assert_eq!(port.active_protocol(timestamp_ms(10_007)), ProtocolKind::Auto);
-            receive_bytes(&mut port, 20_000, &frame);
-            assert_eq!(port.active_protocol(timestamp_ms(20_000)), protocol);
-        }
-    }
-
     /// Frames of another protocol, for example from a repeater, change nothing until the autopilot is silent.
     #[test]
     fn a_detected_protocol_is_kept_while_it_is_received() {
@@ -219,15 +202,6 @@ mod tests {
         assert_eq!(port.active_protocol(timestamp_ms(4001)), ProtocolKind::Mavlink);
         let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, timestamp_ms(0));
         assert_eq!(port.active_protocol(timestamp_ms(1)), ProtocolKind::Nmea);
-    }
-
-    /// The requests end with the first MAVLink frame.
-    #[test]
-    fn detection_sends_msp_requests() {
-        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
-        assert!(polled_output(&mut port, 0).starts_with(b"$X<"));
-        receive_bytes(&mut port, 1, &heartbeat_frame());
-        assert!((1..2_000).step_by(12).all(|ms| !polled_output(&mut port, ms).starts_with(b"$X<")));
     }
 
     #[test]

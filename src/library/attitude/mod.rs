@@ -54,7 +54,7 @@ impl AttitudeTrack {
     /// Track without reports and estimates.
     #[must_use]
     pub const fn new(config: AttitudeConfig) -> Self {
-        Self { config, autopilot: AttitudeHistory::new(config), own: InertialLine::new(AttitudeSource::Automatic) }
+        Self { config, autopilot: AttitudeHistory::new(config), own: InertialLine::new(AttitudeSource::Autopilot) }
     }
 
     /// Sets the source; a change restarts the track.

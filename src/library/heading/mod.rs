@@ -52,6 +52,16 @@ impl Heading {
         self.with_min_systematic_variance(self.systematic_variance_rad2 + variance_rad2)
     }
 
+    /// Adds an independent variance that is not systematic, square radians.
+    #[must_use]
+    pub fn with_added_variance(self, variance_rad2: f32) -> Self {
+        if variance_rad2 > 0.0 {
+            Self { sigma_rad: sqrt(square(self.sigma_rad) + variance_rad2), ..self }
+        } else {
+            self
+        }
+    }
+
     /// Standard deviation, degrees.
     #[must_use]
     pub fn sigma_deg(&self) -> f32 {

@@ -55,7 +55,7 @@ impl Correction {
         total_ut: None,
         is_armed: None,
         sensor_errors: SensorErrorSigmas::DEFAULT,
-        attitude_source: AttitudeSource::Automatic,
+        attitude_source: AttitudeSource::Autopilot,
         sensor_offsets: SensorOffsets::UNKNOWN,
     };
 

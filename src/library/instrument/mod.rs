@@ -239,6 +239,7 @@ impl Instrument {
         };
         let gyro = &self.active_calibration.adjustment.heading_rate_error;
         let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), gyro_heading.as_ref(), gyro);
+        let heading = heading.map(|heading| heading.with_added_variance(self.smoother.disagreement_variance_rad2()));
         let compass_field = self.compass_field.output_field(at, &self.active_calibration, field, corrected);
         Estimate {
             timestamp: at,

@@ -142,7 +142,7 @@ impl Settings {
         ports: PortSettings::DEFAULT_OF_PORTS,
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
-        attitude_source: AttitudeSource::Automatic,
+        attitude_source: AttitudeSource::Autopilot,
         signing_key: None,
         can: CanSettings::DEFAULT,
         sensor_error: SensorErrorSetting::DEFAULT,

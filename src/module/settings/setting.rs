@@ -128,11 +128,11 @@ impl Choice for AttitudeSource {
     }
 
     fn set_number(&mut self, number: u8) {
-        *self = Self::ALL_SOURCES.get(usize::from(number)).map_or(*self, |(source, _)| *source);
+        *self = Self::NAMED_SOURCES.get(usize::from(number)).map_or(*self, |(_, source)| *source);
     }
 
     fn nth_name(&self, number: u8) -> Option<&'static str> {
-        Self::ALL_SOURCES.get(usize::from(number)).map(|(_, name)| *name)
+        Self::NAMED_SOURCES.get(usize::from(number)).map(|(name, _)| *name)
     }
 }
 

@@ -18,7 +18,7 @@ use crate::store::error::StoreError;
 /// Changes with the position or meaning of stored bytes; appended fields do not change it.
 pub const STORE_FORMAT: u8 = 1;
 
-/// Largest item of any format, bytes: twice a calibration of the first release.
+/// Largest item of any format, bytes: twice a calibration.
 pub const MAX_ITEM_SIZE: usize = 1024;
 
 /// Program granularity, bytes: a double word of the STM32L4.
@@ -56,11 +56,8 @@ pub fn parse_page(page: &[u8]) -> PageContent<'_> {
             PageContent::Item(StoredItem { field_bytes: &item[HEADER_SIZE..], crc })
         }
         Some(_) => PageContent::OtherFormat(format),
-        None => match development_format(page) {
-            Some(format) => PageContent::OtherFormat(format),
-            None if [format, low, high] == [0xFF; HEADER_SIZE] => PageContent::Erased,
-            None => PageContent::Damaged,
-        },
+        None if [format, low, high] == [0xFF; HEADER_SIZE] => PageContent::Erased,
+        None => PageContent::Damaged,
     }
 }
 
@@ -83,13 +80,4 @@ fn split_with_valid_crc(bytes: &[u8], length: usize) -> Option<(&[u8], u32)> {
     let (body, crc_and_padding) = bytes.split_at_checked(length)?;
     let crc = u32::from_le_bytes(*crc_and_padding.first_chunk::<CRC_SIZE>()?);
     (CRC.checksum(body) == crc).then_some((body, crc))
-}
-
-/// Format of a page written by firmware before the first release (formats 2 to 9): a marker of 8 bytes; a log entry's
-/// header of 8 bytes, whose bytes 4 and 5 are the entry's length; then key (1 byte), format, content, and CRC-32 of
-/// format and content.
-fn development_format(page: &[u8]) -> Option<u8> {
-    let length = u16::from_le_bytes(*page.get(12..)?.first_chunk()?);
-    let (value, _) = split_with_valid_crc(page.get(17..)?, usize::from(length).checked_sub(1 + CRC_SIZE)?)?;
-    value.first().copied()
 }

@@ -51,7 +51,7 @@ impl CalibrationRecord {
     }
 }
 
-/// All fields of the first release are required.
+/// All fields are required.
 impl StoredFields for CalibrationRecord {
     fn with_defaults() -> Self {
         Self {

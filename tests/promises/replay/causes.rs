@@ -1,4 +1,4 @@
-//! Causes injected into recorded flights, and the report of each: the table in docs/how-replay-works.md.
+//! Causes injected into recorded flights, and the report of each.
 
 use log_analysis::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
 use log_analysis::replay::ReplayRow;

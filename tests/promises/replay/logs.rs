@@ -2,13 +2,21 @@
 
 use log_analysis::log;
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash_text, encode_tlog};
+use log_analysis::log::log_writers::{
+    FlightRecording, encode_blackbox, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog,
+};
+use log_analysis::replay::evaluation::evaluate_flight;
+use log_analysis::replay::parameter_export::ParameterFormat;
+use log_analysis::replay::verdict::{CompassAction, Verdict};
 use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
+use testkit::random::Random;
 
 use super::{
-    compare_with_module, evaluate_log, max_rms_deg, module_result, module_score, verdict_sentences, warnings_text,
+    DEFAULT_OPTIONS, compare_with_module, evaluate_log, max_rms_deg, module_result, module_score, verdict_sentences,
+    warnings_text,
 };
+use crate::fixtures::share_of_flights;
 
 fn record_flight(world: &WorldConfig) -> FlightRecording {
     record_turns(world, 0.05)
@@ -140,7 +148,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
     let (flight, evaluation) = compare_with_module(strip(&["MAG", "ATT"], &text).as_bytes());
     assert!(module_score(&evaluation.compasses[0]).rms_deg < 1.0, "{:?}", module_score(&evaluation.compasses[0]));
     assert!(warnings_text(&flight, &evaluation).contains("carry no time"));
-    let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "RCOU", "MSG", "PARM"], &text);
+    let without_columns = strip(&["MAG", "ATT", "IMU", "BAT", "GPS", "RCOU", "MSG", "MODE", "PARM"], &text);
     let refused = log::read_flight(&mut without_columns.as_bytes(), FieldUnit::Milligauss).unwrap_err();
     assert!(refused.to_string().contains("carry no time"), "{refused}");
 }
@@ -150,7 +158,7 @@ fn rows_without_time_get_the_time_of_their_neighbours() {
 fn a_log_with_lost_rows_gives_the_same_accuracy() {
     for seed in [3, 5, 8] {
         let world = WorldConfig::random_world(seed);
-        let mut random = testkit::random::Random(seed);
+        let mut random = Random(seed);
         let with_losses = change_lines(&dataflash_text(&world), |line| {
             let is_row = ["MAG, ", "ATT, ", "IMU, "].iter().any(|prefix| line.starts_with(prefix));
             if is_row && random.bits() % 10 < 3 { String::new() } else { line.to_owned() }
@@ -177,4 +185,48 @@ fn a_log_at_rest_gives_no_field_strength() {
     assert_eq!(evaluation.compasses[0].parameter_fit.strength_ut(), None);
     let text = verdict_sentences(&flight, &evaluation) + &warnings_text(&flight, &evaluation);
     assert!(!text.contains("read as") && !text.contains("radians"), "{text}");
+}
+
+/// A good compass in each format, with 1 to 10 changed bits in 10 kB: a changed number must not look like iron.
+#[test]
+fn changed_bits_never_turn_leave_into_load() {
+    let recording = with_good_compass(record_flight(&WorldConfig::random_world(3)));
+    for write in [encode_dataflash, encode_dataflash_text, encode_tlog, encode_ulog, encode_csv, encode_blackbox] {
+        let bytes = write(&recording);
+        assert_eq!(judged_action(&bytes), Some(CompassAction::LeaveUnchanged));
+        for (bits_in_10_kb, seed) in
+            [1, 10].into_iter().flat_map(|bits| (0..share_of_flights(3)).map(move |n| (bits, n)))
+        {
+            let action = judged_action(&with_changed_bits(&bytes, bits_in_10_kb, seed));
+            assert_ne!(action, Some(CompassAction::LoadParameters), "{} bytes, {bits_in_10_kb}, {seed}", bytes.len());
+        }
+    }
+}
+
+/// The flight with its field as its own fit corrects it.
+fn with_good_compass(mut recording: FlightRecording) -> FlightRecording {
+    let (_, evaluation) = evaluate_log(&encode_csv(&recording));
+    let correction = evaluation.compasses[0].parameter_fit.correction().unwrap();
+    for sample in &mut recording.samples {
+        sample.field_ut[0] = correction.correct_field(sample.field_ut[0].into(), sample.current_a).into();
+    }
+    recording
+}
+
+fn with_changed_bits(bytes: &[u8], bits_in_10_kb: usize, seed: u64) -> Vec<u8> {
+    let (mut random, mut changed) = (Random(seed + 1), bytes.to_vec());
+    for _ in 0..bytes.len() * bits_in_10_kb / 10_000 {
+        let offset = random.bits() as usize % bytes.len();
+        changed[offset] ^= 1 << (random.bits() % 8);
+    }
+    changed
+}
+
+/// What is advised; `None` if the log cannot be read.
+fn judged_action(bytes: &[u8]) -> Option<CompassAction> {
+    let mut source = bytes;
+    let flight = log::read_flight(&mut source, FieldUnit::Milligauss).ok()?;
+    let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
+    let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::for_autopilot(flight.autopilot));
+    Some(verdict.compasses.first()?.judgement.recommended_action)
 }

@@ -1,7 +1,9 @@
 //! Replays of a flight logged in each autopilot's format.
 
 use log_analysis::log::LoggedFlight;
-use log_analysis::log::log_writers::{FlightRecording, encode_csv, encode_dataflash, encode_tlog, encode_ulog};
+use log_analysis::log::log_writers::{
+    FlightRecording, encode_blackbox, encode_csv, encode_dataflash, encode_tlog, encode_ulog,
+};
 use log_analysis::replay::evaluation::{CompassEvaluation, CorrectionSource, evaluate_flight};
 use log_analysis::replay::hard_iron_changes::LoggedHardIronChange;
 use nalgebra::Vector3;
@@ -50,6 +52,7 @@ fn a_native_log_gives_heading_and_field_latency() {
         (0.09, encode_tlog),
         (0.02, encode_ulog),
         (0.0, encode_csv),
+        (0.03, encode_blackbox),
     ] {
         let recording = record_flight(&world, age_s);
         let (flight, compass) = evaluate_compass(&write(&recording));
@@ -88,14 +91,19 @@ fn disarmed_rows_are_used_by_no_calibrator() {
     }
 }
 
-/// Interference of 8 uT in level flight at 15 A, so 0.5 uT/A; the current rises with bank.
+/// Interference of 8 uT in level flight at 15 A, so 0.5 uT/A; the current rises with bank. A negated one means its size.
 #[test]
 fn motor_current_interference_is_estimated() {
-    for (seed, write) in
-        [(3, encode_dataflash as fn(&FlightRecording) -> Vec<u8>), (5, encode_ulog), (7, encode_tlog), (9, encode_csv)]
-    {
+    for (seed, sign, write) in [
+        (3, 1.0, encode_dataflash as fn(&FlightRecording) -> Vec<u8>),
+        (5, -1.0, encode_ulog),
+        (7, 1.0, encode_tlog),
+        (9, -1.0, encode_csv),
+    ] {
         let world = WorldConfig::random_world(seed).with_current_interference(8.0);
-        let (_, compass) = evaluate_compass(&write(&record_flight(&world, 0.05)));
+        let mut recording = record_flight(&world, 0.05);
+        recording.samples.iter_mut().for_each(|sample| sample.current_a *= sign);
+        let (_, compass) = evaluate_compass(&write(&recording));
         assert_eq!(module_result(&compass).acceptance, Ok(()), "seed {seed}");
         let interference = module_result(&compass).solution.unwrap().calibration.motor_current;
         for (estimated_ut_per_a, added_field_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {

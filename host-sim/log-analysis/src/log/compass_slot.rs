@@ -68,6 +68,8 @@ pub enum UnknownSlot {
     },
     /// PX4's `HIGHRES_IMU` is the primary compass, corrected and less the bias of its filter.
     PrimaryLessBias,
+    /// The blackbox has neither the calibration nor the alignment.
+    NotInBlackbox,
 }
 
 impl Default for CompassSlot {
@@ -105,6 +107,7 @@ impl fmt::Display for UnknownSlot {
             Self::OffsetsContradict { expected, found } => {
                 write!(f, "the offsets in use are those of slot {found}, but the parameters assign slot {expected}")
             }
+            Self::NotInBlackbox => f.write_str("a blackbox has neither calibration nor alignment of the compass"),
             Self::PrimaryLessBias => {
                 f.write_str("HIGHRES_IMU is the primary compass, corrected and less the bias of PX4's filter")
             }

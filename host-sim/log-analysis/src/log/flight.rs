@@ -1,7 +1,7 @@
 //! A logged flight, independent of the log's format.
 
 use autoswing::calibration::Orientation;
-use autoswing::earth::Date;
+use autoswing::earth::{Date, EarthField, Position};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -17,6 +17,7 @@ use super::rotation::NumberedRotation;
 use super::time_series::Series;
 use super::vtol_view::VtolView;
 use crate::log::parameters::ParameterHistory;
+use crate::numbers::median;
 
 /// Format of a log file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -31,6 +32,8 @@ pub enum LogFormat {
     TLog,
     /// Table of comma-separated values.
     Csv,
+    /// Blackbox of INAV or Betaflight.
+    Blackbox,
 }
 
 impl LogFormat {
@@ -43,6 +46,7 @@ impl LogFormat {
             Self::ULog => "PX4 ULog",
             Self::TLog => "MAVLink tlog",
             Self::Csv => "CSV",
+            Self::Blackbox => "blackbox",
         }
     }
 
@@ -53,7 +57,7 @@ impl LogFormat {
         match self {
             Self::DataFlash | Self::DataFlashText => 0.05,
             Self::TLog => 0.09,
-            Self::ULog | Self::Csv => 0.0,
+            Self::ULog | Self::Csv | Self::Blackbox => 0.0,
         }
     }
 }
@@ -65,6 +69,8 @@ pub enum AutopilotKind {
     ArduPilot,
     /// PX4.
     Px4,
+    /// INAV, or Betaflight, whose blackbox is the same.
+    Inav,
     /// An autopilot that the log does not identify.
     #[default]
     Unknown,
@@ -78,6 +84,8 @@ pub enum AttitudeView {
     Body,
     /// The axes of the body, from this message in place of the autopilot's own attitude, which is the VTOL view.
     BodyForVtol(&'static str),
+    /// The axes of the body, by undoing the view of VTOL modes, which flight modes and parameters give.
+    BodyByModes,
     /// The view of VTOL modes, which may differ from the body.
     Vtol(VtolView),
 }
@@ -353,6 +361,27 @@ impl LoggedFlight {
         !self.is_copter && ["Rover", "Sub", "Blimp"].iter().all(|kind| !firmware.contains(kind))
     }
 
+    /// Median position of the flight, which a damaged row does not move.
+    #[must_use]
+    pub fn position(&self) -> Option<Position> {
+        let median_of =
+            |column: usize| median(self.gps.rows().iter().map(|row| f64::from(row.row_values[column]))) as f32;
+        Position::new(median_of(0), median_of(1), median_of(2))
+    }
+
+    /// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its
+    /// first day.
+    #[must_use]
+    pub fn earth_field(&self) -> Option<(EarthField, bool)> {
+        /// 2025-01-01, the model's first day.
+        const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
+        let position = self.position()?;
+        let today = self.flight_date.and_then(|day| EarthField::from_model(position, day)).map(|field| (field, true));
+        today.or_else(|| {
+            EarthField::from_model(position, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false))
+        })
+    }
+
     /// Times of the first and the last field row, seconds.
     #[must_use]
     pub fn time_range_s(&self) -> [f64; 2] {
@@ -378,7 +407,7 @@ pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> 
     let is_px4 = match flight.autopilot {
         AutopilotKind::ArduPilot => false,
         AutopilotKind::Px4 => true,
-        AutopilotKind::Unknown => return Vec::new(),
+        AutopilotKind::Inav | AutopilotKind::Unknown => return Vec::new(),
     };
     let names = mounting_parameters(&flight.parameters, is_px4, flight.slot_index(compass_number));
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));

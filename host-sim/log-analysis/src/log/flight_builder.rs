@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use autoswing::earth::Date;
+use autoswing::frames::wrap_pi;
 use nalgebra::Vector3;
 
 use super::battery_current::repair_current;
@@ -18,7 +19,7 @@ use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
 use super::timeline::Timeline;
-use super::vtol_view::VtolView;
+use super::vtol_view::{ViewTrims, VtolView};
 
 /// Largest compass number; no autopilot has more.
 pub const MAX_COMPASSES: u8 = 8;
@@ -46,6 +47,8 @@ pub struct FlightBuilder {
     offset_rows: BTreeMap<u8, Series<3>>,
     /// Outputs, and currents beside that of the first battery.
     pub loads: LoadRows,
+    /// Numbers of the flight modes, at each change or report.
+    pub flight_modes: Series<1>,
 }
 
 /// Correction and axes of a logged magnetic field.
@@ -59,8 +62,8 @@ pub enum FieldProcessing {
     Px4SensorRaw(u8),
     /// The logged field is uncorrected, in body axes.
     BodyRaw,
-    /// The logged field is that of PX4's primary compass, corrected and less the bias of its filter, in body axes.
-    Px4Primary,
+    /// The logged field is corrected by parameters of an unknown slot, in body axes.
+    Unknown(UnknownSlot),
 }
 
 impl FieldProcessing {
@@ -81,6 +84,7 @@ impl FlightBuilder {
             other_receiver_yaws: BTreeMap::new(),
             offset_rows: BTreeMap::new(),
             loads: LoadRows::default(),
+            flight_modes: Series::new(),
         }
     }
 
@@ -215,6 +219,9 @@ impl FlightBuilder {
         flight.skipped_counts.restarts = self.timeline.restart_count();
         replace_attitude(flight, std::mem::take(&mut self.fallback_attitudes));
         let attitude_repeats = flight.attitude.sort_and_dedup();
+        drop_attitude_spikes(&mut flight.attitude);
+        self.flight_modes.sort_and_dedup();
+        undo_vtol_view(flight, &self.flight_modes);
         for series in [&mut flight.body_rates, &mut flight.true_attitude] {
             series.sort_and_dedup();
         }
@@ -259,6 +266,24 @@ impl FlightBuilder {
     }
 }
 
+/// Drops rows that differ by 20 deg from the rows before and after, which agree: damage, since no aircraft turns there and
+/// back between two rows.
+fn drop_attitude_spikes(attitude: &mut Series<3>) {
+    const MIN_SPIKE_RAD: f32 = 0.35;
+    const MAX_INTERVAL_S: f64 = 1.0;
+    let is_spike = |rows: &[TimedRow<3>]| {
+        let [before, row, after] = rows else { return false };
+        let is_angle_spike = |angle: usize| {
+            let [a, b, c] = [before, row, after].map(|row| row.row_values[angle]);
+            let least_rad = wrap_pi(b - a).abs().min(wrap_pi(b - c).abs());
+            least_rad > MIN_SPIKE_RAD && wrap_pi(c - a).abs() < least_rad / 3.0
+        };
+        after.t_s - before.t_s < MAX_INTERVAL_S && (0..3).any(is_angle_spike)
+    };
+    let spikes: Vec<bool> = attitude.rows().windows(3).map(is_spike).collect();
+    attitude.retain_rows(|index| index.checked_sub(1).and_then(|first| spikes.get(first)) != Some(&true));
+}
+
 /// Repairs the battery current. Fields during a drop-out are not used, since their interference is unknown; a table's own
 /// choice of rows has priority.
 fn repair_current_of_flight(flight: &mut LoggedFlight) {
@@ -289,13 +314,24 @@ fn replace_attitude(flight: &mut LoggedFlight, mut fallback_attitudes: BTreeMap<
     }
 }
 
+/// Replaces a view of VTOL modes by the attitude of the body, if modes and trims show it.
+fn undo_vtol_view(flight: &mut LoggedFlight, flight_modes: &Series<1>) {
+    let is_telemetry = flight.log_format == LogFormat::TLog;
+    if matches!(flight.attitude_view, AttitudeView::Vtol(_))
+        && let Some(trims) = ViewTrims::of_log(&flight.parameters, is_telemetry)
+        && let Some(attitude) = trims.body_attitude(&flight.attitude, flight_modes)
+    {
+        (flight.attitude, flight.attitude_view) = (attitude, AttitudeView::BodyByModes);
+    }
+}
+
 /// Selects one source for each compass: the uncorrected one, unless the corrected one has more than twice its rows (PX4
 /// logs uncorrected fields at 1 Hz by default), or four times if its correction is unknown.
 fn select_field_source(mut logged: Vec<(u8, FieldProcessing, Series<6>)>) -> Vec<(u8, FieldProcessing, Series<6>)> {
     let weight = |field_processing: FieldProcessing, field: &Series<6>| {
         let source_weight = match field_processing {
             FieldProcessing::Px4SensorRaw(_) => 4,
-            FieldProcessing::Px4Primary => 1,
+            FieldProcessing::Unknown(_) => 1,
             _ => 2,
         };
         field.rows().len() * source_weight
@@ -377,7 +413,7 @@ fn slot_and_device_id(
         FieldProcessing::BodyRaw => {
             (CompassSlot::Known { index: compass_number, evidence: SlotEvidence::Numbering }, None)
         }
-        FieldProcessing::Px4Primary => (CompassSlot::Unknown { reason: UnknownSlot::PrimaryLessBias }, None),
+        FieldProcessing::Unknown(reason) => (CompassSlot::Unknown { reason }, None),
     }
 }
 
@@ -463,7 +499,7 @@ fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8, slot: CompassS
             let priority = value(format!("CAL_MAG{}_PRIO", slot.index()?));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
-        AutopilotKind::Unknown => None,
+        AutopilotKind::Inav | AutopilotKind::Unknown => None,
     }
 }
 
@@ -534,6 +570,22 @@ mod tests {
         assert_eq!(flight.compasses.iter().map(|compass| compass.compass_number).collect::<Vec<_>>(), [1, 8]);
         assert_eq!((flight.compasses[0].field.rows().len(), flight.skipped_counts.rejected_readings), (1, 5));
         assert_eq!((flight.attitude.rows().len(), flight.body_rates.rows().len()), (1, 1));
+    }
+
+    /// Roll of one row in a turn and in a roll, and the yaw of rows that pass north.
+    #[test]
+    fn a_damaged_attitude_costs_one_row() {
+        for (angles_deg, kept) in [
+            ([[10.0, 0.0, 5.0], [95.0, 0.0, 10.0], [12.0, 0.0, 15.0], [14.0, 0.0, 20.0]], 3),
+            ([[0.0, 0.0, 5.0], [40.0, 0.0, 5.0], [80.0, 0.0, 5.0], [120.0, 0.0, 5.0]], 4),
+            ([[0.0, 0.0, 355.0], [0.0, 0.0, 2.0], [0.0, 0.0, 356.0], [0.0, 0.0, 3.0]], 4),
+        ] {
+            let mut builder = FlightBuilder::new(LogFormat::ULog);
+            for (i, angles_deg) in angles_deg.into_iter().enumerate() {
+                builder.push_attitude(i as f64 / 10.0, angles_deg.map(f32::to_radians));
+            }
+            assert_eq!(builder.finish_flight().attitude.rows().len(), kept, "{angles_deg:?}");
+        }
     }
 
     #[test]

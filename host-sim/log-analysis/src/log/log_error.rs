@@ -72,7 +72,7 @@ impl fmt::Display for LogError {
             Self::Empty => f.write_str("the file is empty"),
             Self::UnknownFormat => f.write_str(
                 "not a known log: ArduPilot DataFlash (.bin, .log), PX4 ULog (.ulg), MAVLink (.tlog), what mavlogdump \
-                 makes of these, or a table whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
+                 makes of these, a blackbox of INAV or Betaflight, or a table whose first line names t_s,mx,my,mz,roll_deg,pitch_deg",
             ),
             Self::UnreadFormat(advice) => f.write_str(advice),
             Self::ArchiveWithoutLog(names) if names.is_empty() => f.write_str("the archive is empty"),
@@ -81,6 +81,10 @@ impl fmt::Display for LogError {
                 write!(f, "these are several logs, of which one is judged at a time: {}", name_list(names))
             }
             Self::Csv(error) => error.fmt(f),
+            Self::NoMagnetometer(LogFormat::Blackbox, 0) => f.write_str(
+                "blackbox: no magnetometer is logged: `blackbox MAG` in INAV's CLI logs it, in Betaflight's `set \
+                 blackbox_disable_mag = OFF`",
+            ),
             Self::NoMagnetometer(format, 0) => write!(f, "{}: no magnetometer is logged", format.format_name()),
             Self::NoMagnetometer(format, unhealthy) => write!(
                 f,
@@ -92,6 +96,10 @@ impl fmt::Display for LogError {
                 "{}: PX4 sends SCALED_IMU without device id and in the axes of the sensor, so that no parameters can be \
                  assigned to its field: use HIGHRES_IMU or the ULog of the flight",
                 format.format_name()
+            ),
+            Self::NoAttitude(LogFormat::Blackbox) => f.write_str(
+                "blackbox: no attitude is logged: `blackbox ATTI` in INAV's CLI logs it, in Betaflight's `set \
+                 blackbox_disable_attitude = OFF`; Betaflight before 2025.12 has none to log",
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
             Self::SystemNotFound(system, found) if found.is_empty() => {

@@ -8,7 +8,9 @@
 //! | MAVLink, with or without clock | `.tlog` | frames with valid checksums, each after eight clock bytes or none |
 //! | both, decoded by `mavlogdump` | `.json`, `.txt`, `.csv` | a line that is a message (`decoded.rs`) |
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
-//! | an archive with one of these | `.zip` | `PK` |
+//! | INAV's and Betaflight's blackbox | `.TXT`, `.bbl`, `.BFL` | its first line (`blackbox/`) |
+//! | the same, decoded by `blackbox_decode` | `.csv` | `loopIteration,` |
+//! | an archive with these | `.zip`, `.gz` | `PK`, `1F 8B` |
 //!
 //! The format is detected from the content, not the file name. Logs are read as streams: a [`LoggedFlight`] holds at most
 //! a hundred thousand rows of each series, whatever the length of the file. Any input gives a flight or an error.
@@ -19,6 +21,7 @@
 //! logger. MAVLink messages and checksums come from the `mavlink` crate.
 
 mod battery_current;
+mod blackbox;
 mod compass_slot;
 mod correction;
 mod correction_residual;
@@ -40,6 +43,7 @@ mod rates;
 mod rates_problem;
 mod read_window;
 mod rotation;
+mod scalar;
 pub mod time_series;
 mod timeline;
 mod tlog;
@@ -72,12 +76,26 @@ pub use vtol_view::VtolView;
 use std::io::{self, Read};
 
 use csv::FieldUnit;
-use utf16::Utf16Text;
+use flate2::read::MultiGzDecoder;
+use utf16::utf16_text;
+use zip::BoundedContent;
 
 /// Bytes searched to detect the format.
 const FORMAT_DETECTION_BYTES: usize = 1 << 16;
 
-/// Reads the first autopilot's flight from any source.
+/// First bytes of a gzip file.
+const GZIP_MAGIC: [u8; 2] = [0x1F, 0x8B];
+
+/// Largest number of archives in one another.
+const MAX_ARCHIVE_DEPTH: u8 = 3;
+
+/// Unit of a table's field, and MAVLink system to read.
+type ReadingOptions = (FieldUnit, Option<u8>);
+
+/// Receives a log of a source: its name within the source, empty if it is the whole source; and its flight.
+pub type LogVisitor<'a> = dyn FnMut(&str, Result<LoggedFlight, LogError>) + 'a;
+
+/// Reads the only flight of a source, of the first autopilot.
 ///
 /// # Errors
 ///
@@ -86,75 +104,146 @@ pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<LoggedFligh
     read_flight_of_system(source, unit, None)
 }
 
-/// Reads a flight from any source. `unit` is the unit of a table's field, `system` the MAVLink system to read (default:
+/// Reads the only flight of a source. `unit` is the unit of a table's field, `system` the MAVLink system to read (default:
 /// the first autopilot).
 ///
 /// # Errors
 ///
-/// The source cannot be read, or holds no usable flight.
+/// The source cannot be read, or holds no usable flight, or several.
 pub fn read_flight_of_system(
     source: &mut dyn Read,
     unit: FieldUnit,
     system: Option<u8>,
 ) -> Result<LoggedFlight, LogError> {
-    let mut flight = read_with_unchecked_rates(source, unit, system)?;
-    rates::check_and_repair_rates(&mut flight);
-    heading_latency::remove_heading_latencies(&mut flight);
-    Ok(flight)
+    only_flight(&mut |visit| visit_flights(source, unit, system, visit))
 }
 
-fn read_with_unchecked_rates(
+/// The only flight that is visited.
+fn only_flight(
+    visit_flights: &mut dyn FnMut(&mut LogVisitor<'_>) -> Result<(), LogError>,
+) -> Result<LoggedFlight, LogError> {
+    let (mut names, mut first_flight, mut first_error) = (Vec::new(), None, LogError::Empty);
+    visit_flights(&mut |name, flight| match flight {
+        Ok(flight) => {
+            names.push(name.to_owned());
+            first_flight.get_or_insert(flight);
+        }
+        Err(error) if matches!(first_error, LogError::Empty) => first_error = error,
+        Err(_) => {}
+    })?;
+    if names.len() > 1 { Err(LogError::SeveralLogs(names)) } else { first_flight.ok_or(first_error) }
+}
+
+/// Reads each log of a source: a file, the files of an archive, the flights of a blackbox.
+///
+/// # Errors
+///
+/// The source cannot be read, or is an archive without logs.
+pub fn visit_flights(
     source: &mut dyn Read,
     unit: FieldUnit,
     system: Option<u8>,
-) -> Result<LoggedFlight, LogError> {
-    let first_bytes = read_first_bytes(source)?;
-    if zip::matches_header(&first_bytes) {
-        return read_archive(&mut io::Cursor::new(first_bytes).chain(source), unit, system);
-    }
-    read_content(&first_bytes, source, unit, system)
+    visit: &mut LogVisitor<'_>,
+) -> Result<(), LogError> {
+    visit_unchecked(source, (unit, system), &mut |name, flight| {
+        let checked = flight.map(|mut flight| {
+            rates::check_and_repair_rates(&mut flight);
+            heading_latency::remove_heading_latencies(&mut flight);
+            flight
+        });
+        visit(name, checked);
+    })
 }
 
-/// Reads the only log of an archive.
-fn read_archive(source: &mut dyn Read, unit: FieldUnit, system: Option<u8>) -> Result<LoggedFlight, LogError> {
-    let (mut logs, mut others, mut flight) = (Vec::new(), Vec::new(), None);
-    zip::visit_entries(source, &mut |name, content| {
-        let first_bytes = read_first_bytes(content)?;
-        if detect_format(&first_bytes).is_err() {
-            others.push(name);
+/// Reads each log, without checks of its body rates.
+fn visit_unchecked(source: &mut dyn Read, options: ReadingOptions, visit: &mut LogVisitor<'_>) -> Result<(), LogError> {
+    LogReader { options, visit }.visit_source("", source, 0)
+}
+
+struct LogReader<'a, 'b> {
+    options: ReadingOptions,
+    visit: &'a mut LogVisitor<'b>,
+}
+
+impl LogReader<'_, '_> {
+    /// Visits the logs of a source; none if it is unknown, or the number of archives around it is too large.
+    fn visit_source(&mut self, name: &str, source: &mut dyn Read, depth: u8) -> Result<(), LogError> {
+        let first_bytes = read_first_bytes(source)?;
+        let mut source = first_bytes.as_slice().chain(source);
+        if depth > MAX_ARCHIVE_DEPTH {
+            Err(LogError::UnknownFormat)
+        } else if first_bytes.starts_with(&GZIP_MAGIC) {
+            let mut content = BoundedContent::new(MultiGzDecoder::new(source));
+            self.visit_source(name, &mut content, depth + 1)
+        } else if zip::matches_header(&first_bytes) {
+            self.visit_archive(name, &mut source, depth)
+        } else if blackbox::matches_header(&first_bytes) {
+            self.visit_blackbox(name, &mut source)
         } else {
-            logs.push(name);
-            flight.get_or_insert_with(|| read_content(&first_bytes, content, unit, system));
+            let flight = read_content(&first_bytes, &mut source, self.options)?;
+            (self.visit)(name, Ok(flight));
+            Ok(())
+        }
+    }
+
+    fn visit_archive(&mut self, name: &str, source: &mut dyn Read, depth: u8) -> Result<(), LogError> {
+        let (mut log_count, mut others) = (0, Vec::new());
+        zip::visit_entries(source, &mut |entry, content| {
+            let entry_name = joined_name(name, &entry);
+            match self.visit_source(&entry_name, content, depth + 1) {
+                Err(LogError::UnknownFormat | LogError::Empty) => others.push(entry),
+                Err(LogError::Io(error)) => return Err(error),
+                Err(error) => {
+                    log_count += 1;
+                    (self.visit)(&entry_name, Err(error));
+                }
+                Ok(()) => log_count += 1,
+            }
+            Ok(())
+        })?;
+        if log_count == 0 { Err(LogError::ArchiveWithoutLog(others)) } else { Ok(()) }
+    }
+
+    /// Flights of a blackbox have numbers, unless there is one alone.
+    fn visit_blackbox(&mut self, name: &str, source: &mut dyn Read) -> Result<(), LogError> {
+        let (mut count, mut previous) = (0, None);
+        let mut visit = |flight_name: &str, flight| (self.visit)(flight_name, check_flight(flight, None));
+        let number = |count: usize| joined_name(name, &format!("flight {count}"));
+        blackbox::visit_flights(source, &mut |flight| {
+            if let Some(previous) = previous.replace(flight) {
+                visit(&number(count), previous);
+            }
+            count += 1;
+        })?;
+        if let Some(last) = previous {
+            visit(&if count == 1 { name.to_owned() } else { number(count) }, last);
         }
         Ok(())
-    })?;
-    flight.filter(|_| logs.len() == 1).unwrap_or(Err(match logs.len() {
-        0 => LogError::ArchiveWithoutLog(others),
-        _ => LogError::SeveralLogs(logs),
-    }))
+    }
+}
+
+fn joined_name(outer: &str, inner: &str) -> String {
+    if outer.is_empty() { inner.to_owned() } else { format!("{outer}/{inner}") }
 }
 
 fn read_content(
     first_bytes: &[u8],
-    source: &mut dyn Read,
-    unit: FieldUnit,
-    system: Option<u8>,
+    mut source: &mut dyn Read,
+    options: ReadingOptions,
 ) -> Result<LoggedFlight, LogError> {
+    let (_, system) = options;
     let format = detect_format(first_bytes);
-    let mut source = first_bytes.chain(source);
     if matches!(format, Err(LogError::UnknownFormat))
         && let Some(format) = decoded::decoded_format(first_bytes)
     {
-        return check_flight(decoded::read_decoded(&mut source, format, system)?, format, system);
+        return check_flight(decoded::read_decoded(&mut source, format, system)?, system);
     }
     if matches!(format, Err(LogError::UnknownFormat))
-        && let Some(mut text) = Utf16Text::new(first_bytes, &mut source)?
+        && let Some(text) = utf16_text(first_bytes, source)?
     {
-        let first_bytes = read_first_bytes(&mut text)?;
-        let format = detect_format(&first_bytes)?;
-        return read_format(format, &mut io::Cursor::new(first_bytes).chain(text), unit, system);
+        return read_format(detect_format(text.as_bytes())?, &mut text.as_bytes(), options);
     }
-    read_format(format?, &mut source, unit, system)
+    read_format(format?, source, options)
 }
 
 fn read_first_bytes(source: &mut dyn Read) -> io::Result<Vec<u8>> {
@@ -166,8 +255,7 @@ fn read_first_bytes(source: &mut dyn Read) -> io::Result<Vec<u8>> {
 fn read_format(
     format: LogFormat,
     mut source: &mut dyn Read,
-    unit: FieldUnit,
-    system: Option<u8>,
+    (unit, system): ReadingOptions,
 ) -> Result<LoggedFlight, LogError> {
     let flight = match format {
         LogFormat::DataFlash => dataflash::read_binary(&mut source)?,
@@ -175,12 +263,15 @@ fn read_format(
         LogFormat::ULog => ulog::read_ulog(&mut source)?,
         LogFormat::TLog => tlog::read_tlog(&mut source, system)?,
         LogFormat::Csv => csv::read_csv(source, unit).map_err(LogError::Csv)?,
+        // Its flights are visited one by one.
+        LogFormat::Blackbox => return Err(LogError::UnknownFormat),
     };
-    check_flight(flight, format, system)
+    check_flight(flight, system)
 }
 
 /// Whether the flight has what any judgement needs.
-fn check_flight(flight: LoggedFlight, format: LogFormat, system: Option<u8>) -> Result<LoggedFlight, LogError> {
+fn check_flight(flight: LoggedFlight, system: Option<u8>) -> Result<LoggedFlight, LogError> {
+    let format = flight.log_format;
     if let Some(system) = system.filter(|system| flight.autopilot_system_ids.first() != Some(system)) {
         return Err(LogError::SystemNotFound(system, flight.autopilot_system_ids));
     }
@@ -199,11 +290,35 @@ fn check_flight(flight: LoggedFlight, format: LogFormat, system: Option<u8>) -> 
     Ok(flight)
 }
 
+/// Formats that are known and not read: position and bytes that they begin with, and what to do instead.
+const UNREAD_FORMATS: [(usize, &[u8], &str); 7] = [
+    (0, b"#ROSBAG", "a ROS bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg"),
+    (
+        0,
+        b"\x89MCAP0\r\n",
+        "a ROS 2 bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg",
+    ),
+    (
+        0,
+        b"SQLite format 3",
+        "a ROS 2 bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg",
+    ),
+    (0, b"MATLAB 5.0 MAT-file", "a MATLAB file is not read: give the log that it was made of"),
+    (0, b"MATLAB 7.3 MAT-file", "a MATLAB file is not read: give the log that it was made of"),
+    (16, b"BUILD", "DJI's flight recorder is not read: its aircraft take no compass parameters"),
+    (0, b"Clock:Tick#", "DJI's flight recorder is not read: its aircraft take no compass parameters"),
+];
+
 fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
     let text = || first_bytes.split(|&byte| byte == b'\n').take(100);
+    let unread = UNREAD_FORMATS
+        .iter()
+        .find(|(offset, magic, _)| first_bytes.get(*offset..).is_some_and(|bytes| bytes.starts_with(magic)));
     if first_bytes.is_empty() {
         Err(LogError::Empty)
-    } else if first_bytes.starts_with(&ulog::ULOG_MAGIC) {
+    } else if let Some((_, _, advice)) = unread {
+        Err(LogError::UnreadFormat(advice))
+    } else if first_bytes.starts_with(&ulog::ULOG_MAGIC) || ulog::has_definitions(first_bytes) {
         Ok(LogFormat::ULog)
     } else if dataflash::is_sdlog2(first_bytes) {
         Err(LogError::UnreadFormat(
@@ -217,6 +332,10 @@ fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
         Ok(LogFormat::DataFlashText)
     } else if csv::is_table(first_bytes) {
         Ok(LogFormat::Csv)
+    } else if dataflash::is_without_start(first_bytes) || ulog::is_without_start(first_bytes) {
+        Err(LogError::UnreadFormat(
+            "the start of the file is missing, which defines its messages: copy the whole log from the card",
+        ))
     } else {
         Err(LogError::UnknownFormat)
     }

@@ -26,7 +26,7 @@ const MIN_RATE_CORRELATION: f64 = 0.6;
 const MAX_RATE_RATIO: f64 = 10.0;
 
 /// Random walk of the heading integrated from the rates beyond which the monitor is better without rates, deg/s^0.5.
-/// With noise added to the rates of the recorded flights in docs/how-replay-works.md, heading errors were 0.5 to 0.7 deg RMS
+/// With noise added to the rates of the recorded flights in docs/accuracy.md, heading errors were 0.5 to 0.7 deg RMS
 /// at a random walk of 0.4, 0.7 to 1.0 at 0.6 and 1.2 to 2.8 at 1.1; without rates 0.6.
 const MAX_HEADING_RANDOM_WALK_DEG: f64 = 0.4;
 

@@ -10,6 +10,7 @@ use mavlink_dialect::{
     MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, SERVO_OUTPUT_RAW_DATA, calculate_crc,
 };
 
+use super::compass_slot::UnknownSlot;
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::load::{LoadRows, LoadSource};
@@ -264,6 +265,8 @@ impl TlogReader {
         }
         if let Some(t_s) = self.receiver_time_s(frame) {
             self.builder.push_armed_report(t_s, mode & ARMED_FLAG != 0);
+            // The mode is the first field, of four bytes; ArduPlane's numbers fit into the lowest.
+            self.builder.flight_modes.push_row(t_s, [f32::from(byte(0))]);
         }
     }
 
@@ -404,8 +407,8 @@ impl TlogReader {
     const fn field_processing(&self) -> FieldProcessing {
         match self.builder.flight.autopilot {
             AutopilotKind::ArduPilot => FieldProcessing::ArduPilot,
-            AutopilotKind::Px4 => FieldProcessing::Px4Primary,
-            AutopilotKind::Unknown => FieldProcessing::BodyRaw,
+            AutopilotKind::Px4 => FieldProcessing::Unknown(UnknownSlot::PrimaryLessBias),
+            AutopilotKind::Inav | AutopilotKind::Unknown => FieldProcessing::BodyRaw,
         }
     }
 

@@ -5,7 +5,10 @@
 
 use std::fmt;
 
+use nalgebra::Rotation3;
+
 use super::parameters::ParameterHistory;
+use super::time_series::{Series, TimedRow};
 
 /// Reason why the view of VTOL modes may differ from the attitude of the body; displayed as a clause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +52,84 @@ impl VtolView {
             }
             None => None,
         }
+    }
+}
+
+/// Pitch of the body less that of the logged attitude.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ViewTrims {
+    /// In forward flight, radians.
+    forward_rad: f64,
+    /// In VTOL modes, radians.
+    hover_rad: f64,
+}
+
+impl ViewTrims {
+    /// The trims of a log; none if a parameter is missing, or changed in flight: firmware differs in when it takes effect.
+    pub(super) fn of_log(parameters: &ParameterHistory, is_telemetry: bool) -> Option<Self> {
+        /// `FLIGHT_OPTIONS` of ArduPlane: `ATTITUDE` is not less the trim.
+        const WITH_FORWARD_TRIM: u32 = 1 << 8;
+        let value = |name: &str| parameters.last_value(name).filter(|_| parameters.last_change_s(name).is_none());
+        let options = value("FLIGHT_OPTIONS").unwrap_or(0.0) as u32;
+        let forward_deg = if !is_telemetry || options & WITH_FORWARD_TRIM != 0 {
+            0.0
+        } else {
+            value("PTCH_TRIM_DEG").or_else(|| Some(0.01 * value("TRIM_PITCH_CD")?))?
+        };
+        let tailsitter_deg = match VtolView::of_log(parameters, is_telemetry)? {
+            VtolView::Tailsitter => 90.0,
+            VtolView::Trimmed(_) => 0.0,
+            VtolView::Unknown(_) => return None,
+        };
+        let hover_deg = value("Q_TRIM_PITCH")? + tailsitter_deg;
+        Some(Self { forward_rad: forward_deg.to_radians(), hover_rad: hover_deg.to_radians() })
+    }
+
+    /// The attitude of the body where the mode shows the view; none if that is less than half of the log.
+    pub(super) fn body_attitude(self, logged: &Series<3>, flight_modes: &Series<1>) -> Option<Series<3>> {
+        let mut views: Vec<(f64, Option<bool>)> = Vec::new();
+        for row in flight_modes.rows() {
+            let hovers = is_hover(row.row_values[0]);
+            if views.last().is_none_or(|(_, last)| *last != hovers) {
+                views.push((row.t_s, hovers));
+            }
+        }
+        let mut body = Series::new();
+        for row in logged.rows() {
+            // The first mode is reported some time after the begin of a log.
+            let index = views.partition_point(|(from_s, _)| *from_s <= row.t_s).saturating_sub(1);
+            let Some(&(from_s, Some(hovers))) = views.get(index) else { continue };
+            if index == 0 || row.t_s - from_s > MAX_TRANSITION_S {
+                body.push_row(row.t_s, self.body_angles(row, hovers));
+            }
+        }
+        (2 * body.rows().len() >= logged.rows().len() && !body.is_empty()).then_some(body)
+    }
+
+    /// Roll, pitch and yaw of the body. `ATTITUDE` is less a number of its pitch; a view is a rotation.
+    fn body_angles(self, logged: &TimedRow<3>, hovers: bool) -> [f32; 3] {
+        let [roll, pitch, yaw] = logged.row_values.map(f64::from);
+        if !hovers {
+            return [roll, pitch + self.forward_rad, yaw].map(|angle| angle as f32);
+        }
+        let known_yaw = if yaw.is_nan() { 0.0 } else { yaw };
+        let view = Rotation3::from_euler_angles(roll, pitch, known_yaw);
+        let (roll, pitch, yaw_of_body) = (view * Rotation3::from_euler_angles(0.0, self.hover_rad, 0.0)).euler_angles();
+        [roll, pitch, yaw_of_body + yaw - known_yaw].map(|angle| angle as f32)
+    }
+}
+
+/// Longest transition after a change of the mode, seconds, in which a tailsitter's or tiltrotor's view is the former one.
+const MAX_TRANSITION_S: f64 = 15.0;
+
+/// Whether a mode of ArduPlane shows the view of VTOL modes; none of `AUTO`, `RTL`, `GUIDED` and others that may hover.
+fn is_hover(mode: f32) -> Option<bool> {
+    match mode as u8 {
+        // MANUAL to CRUISE and AUTOTUNE, LOITER, TAKEOFF, THERMAL.
+        0..=8 | 12 | 13 | 24 => Some(false),
+        // QSTABILIZE, QHOVER, QLOITER, QLAND, QAUTOTUNE, QACRO.
+        17..=20 | 22 | 23 => Some(true),
+        _ => None,
     }
 }
 
@@ -103,6 +184,33 @@ mod tests {
             parameters.set_value(2.0, "Q_TRIM_PITCH", 1.0);
             parameters.set_value(3.0, "Q_TRIM_PITCH", 0.0);
             assert_eq!(VtolView::of_log(&parameters, false), Some(VtolView::Trimmed("Q_TRIM_PITCH")), "{missing}");
+        }
+    }
+
+    /// Attitudes once a second with modes by time: those in another view's transition, and in AUTO (10), are left out, unless
+    /// that is most of the log.
+    #[test]
+    fn the_body_is_known_while_the_mode_shows_the_view() {
+        let trims = ViewTrims { forward_rad: 0.1, hover_rad: 0.2 };
+        let mut logged = Series::new();
+        (0..100).for_each(|i| logged.push_row(f64::from(i), [0.0, 0.3, f32::NAN]));
+        for (modes, forward_and_hover) in [
+            (&[(0.0, 5.0)][..], Some([100, 0])),
+            (&[(10.0, 5.0), (40.0, 2.0), (60.0, 19.0), (70.0, 18.0)], Some([60, 24])),
+            (&[(0.0, 5.0), (60.0, 10.0)], Some([60, 0])),
+            (&[(0.0, 5.0), (40.0, 10.0)], None),
+            (&[], None),
+        ] {
+            let mut series = Series::new();
+            for &(t_s, mode) in modes {
+                series.push_row(t_s, [mode]);
+            }
+            let body = trims.body_attitude(&logged, &series);
+            let count = |pitch_rad: f32| {
+                let rows = body.iter().flat_map(Series::rows);
+                rows.filter(|row| (row.row_values[1] - pitch_rad).abs() < 1e-6 && row.row_values[2].is_nan()).count()
+            };
+            assert_eq!(body.as_ref().map(|_| [count(0.4), count(0.5)]), forward_and_hover, "{modes:?}");
         }
     }
 }

@@ -78,12 +78,49 @@ fn visit_entry(source: &mut BufReader<&mut dyn Read>, visit: &mut EntryVisitor<'
 
 /// Reads the content to its end, whether `visit` does or not.
 fn visit_content(name: String, content: &mut dyn Read, visit: &mut EntryVisitor<'_>) -> io::Result<()> {
+    let mut content = BoundedContent::new(content);
     if !name.ends_with('/') {
-        visit(name, content)?;
+        visit(name, &mut content)?;
     }
-    io::copy(content, &mut io::sink()).map(drop)
+    io::copy(&mut content, &mut io::sink()).map(drop)
+}
+
+/// A compressed content that is an error if it is larger than any log.
+pub struct BoundedContent<R> {
+    content: R,
+    remaining_bytes: u64,
+}
+
+impl<R> BoundedContent<R> {
+    /// 16 GB; the longest flights have one.
+    const MAX_BYTES: u64 = 1 << 34;
+
+    pub const fn new(content: R) -> Self {
+        Self { content, remaining_bytes: Self::MAX_BYTES }
+    }
+}
+
+impl<R: Read> Read for BoundedContent<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.content.read(into)?;
+        self.remaining_bytes =
+            self.remaining_bytes.checked_sub(count as u64).ok_or(invalid("the archive unpacks to over 16 GB"))?;
+        Ok(count)
+    }
 }
 
 fn invalid(reason: &'static str) -> io::Error {
     io::Error::new(ErrorKind::InvalidData, reason)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_content_larger_than_any_log_is_an_error() {
+        let mut content = BoundedContent { content: io::repeat(0), remaining_bytes: 10 };
+        assert_eq!([7, 3].map(|count| content.read(&mut [0; 7][..count]).unwrap()), [7, 3]);
+        assert!(content.read(&mut [0]).is_err());
+    }
 }

@@ -1,6 +1,6 @@
 //! Evaluates each compass of a flight: logged correction, baseline fits, and the module's result.
 
-use autoswing::earth::{Date, EarthField, Position};
+use autoswing::earth::EarthField;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -9,10 +9,11 @@ use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
 use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
+use super::parameter_export::CorrectedTerms;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_rows;
 use super::sensor_change::{SensorChange, find_sensor_change};
-use crate::log::{FieldCorrection, Gps, LoggedCompass, LoggedFlight, mounting_parameter_changes};
+use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
 use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
@@ -34,6 +35,8 @@ pub struct EvaluationOptions {
     pub reference_kind: Option<ReferenceKind>,
     /// Latency of the logged field, seconds; default: estimated.
     pub field_latency_s: Option<f64>,
+    /// Terms that parameter files correct.
+    pub corrected_terms: CorrectedTerms,
 }
 
 impl EvaluationOptions {
@@ -45,6 +48,7 @@ impl EvaluationOptions {
         time_window_s: [f64::NEG_INFINITY, f64::INFINITY],
         reference_kind: None,
         field_latency_s: None,
+        corrected_terms: CorrectedTerms::All,
     };
 }
 
@@ -130,6 +134,8 @@ pub struct FlightEvaluation {
     pub earth_field: Option<(EarthField, bool)>,
     /// Inclination of the Earth field that the user gave, degrees.
     pub given_inclination_deg: Option<f64>,
+    /// Terms that parameter files correct.
+    pub corrected_terms: CorrectedTerms,
     /// Median interval of the attitudes, seconds.
     pub attitude_interval_s: f64,
 }
@@ -141,7 +147,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         || ReferenceHeading::best_reference(flight),
         |reference_kind| ReferenceHeading::of_kind(flight, reference_kind),
     );
-    let earth = earth_of_flight(flight);
+    let earth = flight.earth_field();
     let earth_ut = earth.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
     let compasses: Vec<&LoggedCompass> = flight
         .compasses
@@ -163,7 +169,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
     let options = ReplayOptions {
         row_selection: evaluation_options.compared_module.unwrap_or(RowSelection::All),
         inclination_deg: evaluation_options.inclination_deg,
-        place_and_day: flight_position(flight).zip(flight.flight_date),
+        place_and_day: flight.position().zip(flight.flight_date),
     };
     let inputs = SharedInputs {
         flight,
@@ -183,6 +189,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         reference,
         earth_field: earth,
         given_inclination_deg: evaluation_options.inclination_deg,
+        corrected_terms: evaluation_options.corrected_terms,
         attitude_interval_s: flight.attitude.median_step_s().unwrap_or(f64::NAN),
     }
 }
@@ -300,24 +307,6 @@ pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Opt
     score_rows(rows, |row| Some((heading_deg(row, row.corrected_field(correction)), f64::NAN)))
 }
 
-fn flight_position(flight: &LoggedFlight) -> Option<Position> {
-    let rows = flight.gps.rows();
-    let gps = Gps::from_columns(rows.get(rows.len() / 2)?.row_values);
-    Position::new(gps.latitude_deg, gps.longitude_deg, gps.height_m)
-}
-
-/// Modelled Earth field at the middle of the flight, and whether the model is valid on that day; otherwise that of its
-/// first day.
-fn earth_of_flight(flight: &LoggedFlight) -> Option<(EarthField, bool)> {
-    /// 2025-01-01, the model's first day.
-    const MODEL_BEGINS_UNIX_S: u64 = 1_735_689_600;
-    let position = flight_position(flight)?;
-    let today = flight.flight_date.and_then(|day| EarthField::from_model(position, day)).map(|field| (field, true));
-    today.or_else(|| {
-        EarthField::from_model(position, Date::from_unix_s(MODEL_BEGINS_UNIX_S)?).map(|field| (field, false))
-    })
-}
-
 impl CompassEvaluation {
     /// Time of the module's calibration on the log's clock, seconds; none if its collection did not end automatically.
     #[must_use]
@@ -334,6 +323,8 @@ impl CompassEvaluation {
 
 #[cfg(test)]
 mod tests {
+    use autoswing::earth::{Date, Position};
+
     use super::*;
     use crate::log::LogFormat;
 
@@ -356,11 +347,11 @@ mod tests {
             [(Some(of_2026), of_2026, true), (None, first, false), (Some(day(1_640_995_200)), first, false)]
         {
             let expected = EarthField::from_model(middle_position, expected).unwrap();
-            let (earth_field, is_model_valid) = earth_of_flight(&flight_to_north(day)).unwrap();
+            let (earth_field, is_model_valid) = flight_to_north(day).earth_field().unwrap();
             assert_eq!(is_model_valid, is_valid);
             let numbers = |field: EarthField| [field.total_ut, field.inclination_deg].map(f32::to_bits);
             assert_eq!(numbers(earth_field), numbers(expected));
         }
-        assert!(earth_of_flight(&LoggedFlight::new(LogFormat::Csv)).is_none());
+        assert!(LoggedFlight::new(LogFormat::Csv).earth_field().is_none());
     }
 }

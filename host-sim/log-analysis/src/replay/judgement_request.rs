@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::evaluation::{EvaluationOptions, FlightEvaluation, evaluate_flight};
+use super::parameter_export::CorrectedTerms;
 use super::reference::{ReferenceHeading, ReferenceKind};
 use crate::log::{LogError, LoggedFlight};
 
@@ -137,6 +138,10 @@ pub fn settings_table(options: &EvaluationOptions) -> Vec<[String; 2]> {
         ("from", seconds(from_s)),
         ("to", seconds(to_s)),
         ("reference", options.reference_kind.map(|kind| kind.option_name().to_owned())),
+        (
+            "parameters correct",
+            (options.corrected_terms != CorrectedTerms::All).then(|| options.corrected_terms.option_name().to_owned()),
+        ),
         ("compass", options.compass_number.map(|number| number.to_string())),
     ];
     settings.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).collect()

@@ -70,11 +70,13 @@ fn loading_steps(format: ParameterFormat) -> Vec<String> {
     let steps: &[&str] = match format {
         ParameterFormat::ArduPilot => &[
             "Load the file. Mission Planner: Config, Full Parameter List, Load from file, then Write Params. MAVProxy: param \
-             load compass.param. QGroundControl: Vehicle Setup, Parameters, Tools, Load from file, with compass.params.",
+             load compass.param. QGroundControl: Vehicle Setup or Configuration, Parameters, Tools, Load from file (for review), with \
+             compass.params.",
             "Restart the autopilot.",
         ],
         ParameterFormat::Px4 => &[
-            "Load the file with QGroundControl: Vehicle Setup, Parameters, Tools, Load from file. Or type param set NAME VALUE \
+            "Load the file with QGroundControl: Vehicle Setup or Configuration, Parameters, Tools, Load from file (for \
+             review). Or type param set NAME VALUE \
              for each line into PX4's shell, then param save.",
             "Restart the autopilot.",
         ],
@@ -97,7 +99,7 @@ mod tests {
         assert!(loading[0].contains("param load compass.param") && loading.len() == 3, "{loading:?}");
         // Rows of a few seconds determine no parameters.
         evaluation.compasses[0].rows.truncate(50);
-        evaluation.compasses[0].row_counts.used = 50;
+        (evaluation.compasses[0].row_counts.used, evaluation.compasses[0].parameter_fit.fit) = (50, None);
         (flight.log_format, evaluation.attitude_interval_s) = (LogFormat::TLog, 0.345);
         let flying = steps(&flight, &evaluation);
         assert!(flying[0].contains("2.9 attitudes a second") && flying[1].contains("two full circles"), "{flying:?}");

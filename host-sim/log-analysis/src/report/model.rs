@@ -24,6 +24,8 @@ pub struct Report {
     pub compasses: Vec<CompassReport>,
     /// What the pilot does next, in steps.
     pub next_steps: Vec<String>,
+    /// Heading errors by the terms that a file has, sentences.
+    pub correction_choices: String,
     /// Parameter files to load; the first for the usual ground station.
     pub parameter_files: Vec<ParameterFile>,
     /// Old and new values of the parameters to load.
@@ -37,8 +39,8 @@ pub struct Report {
 /// A verdict on one line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VerdictLine {
-    /// State of the compass.
-    pub compass_state: CompassState,
+    /// State of the compass; none of an unused one.
+    pub compass_state: Option<CompassState>,
     /// State of the compass in one word.
     pub state_word: &'static str,
     /// The verdict in a sentence.
@@ -153,8 +155,6 @@ pub struct ReportSample {
     pub roll_deg: f64,
     /// Pitch, nose up positive, degrees.
     pub pitch_deg: f64,
-    /// Position, metres east and north.
-    pub position_m: Option<[f64; 2]>,
     /// Field without a correction, body axes, microtesla.
     pub raw_ut: Option<[f64; 3]>,
     /// Field as logged, microtesla.

@@ -2,7 +2,7 @@
 
 use super::chart_samples::{has_samples, samples_json};
 use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, ReportSample, VerdictLine};
-use super::pictures::{Picture, coverage, deviation, map as map_of};
+use super::pictures::{Picture, coverage, deviation};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
 use crate::replay::ParameterFile;
@@ -37,8 +37,9 @@ fn parameter_files(report: &Report) -> String {
     };
     format!(
         "<p class=\"actions\">{} <button type=\"button\" data-copy=\"parameters-text\" hidden>Copy</button> \
-         <span role=\"status\" id=\"copied\"></span></p>\n{others}\n<pre id=\"parameters-text\" hidden>{}</pre>\n",
+         <span role=\"status\" id=\"copied\"></span></p>\n{others}\n<p>{}</p>\n<pre id=\"parameters-text\" hidden>{}</pre>\n",
         link(main, " class=\"button\""),
+        escape_html(&report.correction_choices),
         escape_html(&main.text)
     )
 }
@@ -58,9 +59,9 @@ pub fn parameters_section(report: &Report) -> String {
     html_table("Parameters of the autopilot", "", &["in the log", "to load"], rows)
 }
 
-/// Charts of each compass and the map.
+/// Charts of each compass.
 pub fn charts_section(report: &Report) -> String {
-    let charts = of_each_compass(report, |id, compass| {
+    of_each_compass(report, |id, compass| {
         let mut html = Vec::new();
         if has_samples(compass) {
             html.push(chart_figures(compass, report.reference.difference_name));
@@ -68,9 +69,7 @@ pub fn charts_section(report: &Report) -> String {
         }
         html.push(html_figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass)));
         html.concat()
-    });
-    let map = report.compasses.first().and_then(map_of::map_picture);
-    charts + &map.map_or_else(String::new, |picture| html_figure("map-picture", &picture))
+    })
 }
 
 fn chart_figures(compass: &CompassReport, difference_name: &str) -> String {
@@ -157,10 +156,12 @@ fn coefficients_table(compass: &CompassReport) -> String {
 
 fn verdict_line(line: &VerdictLine) -> String {
     let (class, sign) = match line.compass_state {
-        CompassState::Good => ("good", "✓"),
-        CompassState::Fair => ("fair", "≈"),
-        CompassState::Bad => ("bad", "✗"),
-        CompassState::Unjudged => ("unjudged", "?"),
+        Some(CompassState::Good) => ("good", "✓"),
+        Some(CompassState::Fair) => ("fair", "≈"),
+        Some(CompassState::Bad) => ("bad", "✗"),
+        Some(CompassState::Unjudged) => ("unjudged", "?"),
+        // An unused compass.
+        None => ("unjudged", "–"),
     };
     format!(
         "<p class=\"verdict {class}\"><span aria-hidden=\"true\">{sign}</span> <b>{}.</b> {}.</p>\n",

@@ -175,15 +175,4 @@ mod tests {
             assert!((level_field.inclination_rad() - calibration.inclination_rad).abs() < 1e-5);
         }
     }
-
-    #[test]
-    fn mounting_turns_the_chip_not_the_field() {
-        let description = AirframeDescription {
-            soft_iron: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            hard_iron_ut: [0.0; 3],
-            mounting_deg: [0.0, 0.0, 90.0],
-        };
-        let measured = Airframe::from(description).measured_field(&Vector3::new(10.0, 20.0, 30.0));
-        assert!((measured.ut - Vector3::new(20.0, -10.0, 30.0)).norm() < 1e-5, "{measured:?}");
-    }
 }

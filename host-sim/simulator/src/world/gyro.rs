@@ -133,26 +133,6 @@ mod tests {
 
     const STEP_S: f64 = 0.02;
 
-    fn turning_state() -> TrueState {
-        TrueState { roll_rad: 0.4, heading_rate_rad_s: 0.2, roll_rate_rad_s: 0.1, ..TrueState::default() }
-    }
-
-    #[test]
-    fn a_perfect_gyro_measures_the_true_rates() {
-        let truth = turning_state();
-        let measured = Gyro::new(GyroConfig::ERROR_FREE, 1, STEP_S).measure_rates(&truth);
-        assert_eq!(measured.map(f64::to_bits), truth.body_rates_rad_s().map(f64::to_bits));
-    }
-
-    /// Each element of the error is 5 % in size, and both signs occur.
-    #[test]
-    fn an_exact_gyro_has_scale_errors_of_its_class() {
-        let config = GyroConfig { scale_percent: 5.0, exact: true, ..GyroConfig::ERROR_FREE };
-        let gyros: Vec<Gyro> = (0..10).map(|seed| Gyro::new(config, seed, STEP_S)).collect();
-        assert!(gyros.iter().all(|gyro| gyro.error_matrix.iter().all(|error| (error.abs() - 0.05).abs() < 1e-12)));
-        assert!((1..9).contains(&gyros.iter().filter(|gyro| gyro.error_matrix[(2, 2)] > 0.0).count()));
-    }
-
     /// Over 400 gyros at rest: the mean of a minute has the class's offset and drift, the differences its noise.
     #[test]
     fn a_gyro_has_the_offset_and_noise_of_its_class() {

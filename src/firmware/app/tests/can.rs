@@ -49,16 +49,6 @@ fn the_termination_is_as_set() {
 }
 
 #[test]
-fn errors_of_the_bus_are_in_the_state_of_the_node() {
-    let (mut bench, bus) = bench_with_node();
-    for _ in 0..2 {
-        bus.unread_error_count.set(3);
-        publish_estimates(&mut bench, 50);
-    }
-    assert_eq!(bench.links.can_state().unwrap().frame_counts.bus_errors, 6);
-}
-
-#[test]
 fn requests_do_not_wait_for_an_estimate() {
     let (mut bench, bus) = bench_with_node();
     bus.queue_message(DataType::GET_NODE_INFO, &[]);

@@ -136,8 +136,6 @@ impl Read for FakeReceiver {
 #[derive(Clone, Default)]
 pub struct FakeTransmitter {
     pub written: Rc<RefCell<Vec<u8>>>,
-    /// Baud rates in the order they were set.
-    pub baud_changes: Rc<RefCell<Vec<BaudRate>>>,
     pub behaviour: Rc<Cell<DeviceBehaviour>>,
 }
 
@@ -169,9 +167,7 @@ impl Write for FakeTransmitter {
 }
 
 impl SetBaud for FakeTransmitter {
-    fn set_baud(&mut self, baud: BaudRate) {
-        self.baud_changes.borrow_mut().push(baud);
-    }
+    fn set_baud(&mut self, _: BaudRate) {}
 }
 
 /// Hardware watchdog that never resets.

@@ -13,7 +13,7 @@ use autoswing::heading::{Heading, NoHeading};
 use autoswing::time::Timestamp;
 use autoswing_module::messages::Message;
 use autoswing_module::settings::SettingValue::Whole;
-use autoswing_module::settings::{BaudRate, PortNumber, ProtocolKind, SettingChange, Settings};
+use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
 
 const AUTOPILOT: [u8; 2] = [1, 1];
 
@@ -164,24 +164,6 @@ fn a_port_writes_at_its_rate_and_counts() {
     assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160, 0], "one for each estimate");
 }
 
-#[test]
-fn a_port_follows_its_settings() {
-    let (mut bench, _, port) = bench_with_port(PortNumber::Two);
-    publish_value(&bench.links.settings, Settings { stream_rate_hz: 40, ..Settings::DEFAULT });
-    bench.publish_estimates(NORTH, 1_000);
-    assert_eq!(port.take_text().matches("$HCHDM").count(), 40);
-    publish_value(&bench.links.settings, Settings { stream_on: false, ..Settings::DEFAULT });
-    bench.publish_estimates(NORTH, 1_000);
-    assert_eq!(port.take_text(), "");
-    assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Nmea]);
-    let other =
-        Settings::DEFAULT.with_setting(SettingChange::new("PORT2", Whole(ProtocolKind::Mavlink as u32))).unwrap();
-    publish_value(&bench.links.settings, other);
-    bench.publish_estimates(NORTH, 1_000);
-    assert!(!port.take_text().contains('$'));
-    assert_eq!(bench.links.port_protocols(), [ProtocolKind::Auto, ProtocolKind::Mavlink]);
-}
-
 /// Messages that arrive while another protocol is set are dropped.
 #[test]
 fn a_message_is_sent_as_mavlink_status_text() {
@@ -199,22 +181,6 @@ fn a_message_is_sent_as_mavlink_status_text() {
     publish_value(&bench.links.settings, other);
     let text = sent(&mut bench, &Message::Collecting(40));
     assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
-}
-
-/// The baud rate is set once for each change.
-#[test]
-fn each_port_uses_its_configured_baud_rate() {
-    let mut bench = TaskBench::new();
-    let ports = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).1);
-    let bauds = || [ports[0].baud_changes.take(), ports[1].baud_changes.take()];
-    bench.publish_estimates(NORTH, 100);
-    assert_eq!(bauds(), [vec![], vec![]]);
-    let settings = Settings::DEFAULT.with_setting(SettingChange::new("BAUD2", Whole(460_800))).unwrap();
-    publish_value(&bench.links.settings, settings);
-    bench.publish_estimates(NORTH, 100);
-    publish_value(&bench.links.settings, Settings { stream_on: false, ..settings });
-    bench.publish_estimates(NORTH, 100);
-    assert_eq!(bauds(), [vec![], vec![BaudRate::B460800]]);
 }
 
 /// A failing port and a port that accepts no bytes: errors are counted, and later messages are up to date.

@@ -9,46 +9,23 @@ use testkit::flash::SilentFault;
 
 use super::devices::{DeviceBehaviour, FakeReceiver, FakeTransmitter};
 use super::{Flash, PAGE_COUNT, TaskBench};
-use crate::app::task_links::{AutopilotLine, CommandSource, now, publish_value};
+use crate::app::task_links::{AutopilotLine, CommandSource, publish_value};
 use crate::app::{Platform, console, port};
-use crate::health::{ResetCause, StackUse};
+use crate::health::ResetCause;
 use crate::synthetic::{Airframe, Flight, Random, multirotor_samples};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{CollectionPart, Sample};
-use autoswing::earth::{Date, EarthField, Position};
-use autoswing::frames::RollPitch;
-use autoswing::heading::Heading;
-use autoswing::instrument::{Estimate, SampleAttitude};
+use autoswing::instrument::SampleAttitude;
 use autoswing::time::WrappingMillis;
 use autoswing_module::compass::{Command, IndicatorState, ModuleState, Reply};
 use autoswing_module::messages::SampleLoss;
 use autoswing_module::messages::{Message, Refusal, RefusalCause};
-use autoswing_module::settings::SettingValue::{Number, Whole};
+use autoswing_module::settings::SettingValue::Whole;
 use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
 use autoswing_module::store::StoreError;
 
 const PORT_1: AutopilotLine = AutopilotLine::Port(PortNumber::One);
 const PORT_2: AutopilotLine = AutopilotLine::Port(PortNumber::Two);
-
-/// Position and date may come from different ports; entered values have priority, and nothing is stored.
-#[test]
-fn position_and_date_apply_the_field_model() {
-    let (place, day) = (Position::new(51.1, 13.7, 100.0).unwrap(), Date::from_unix_s(20_779 * 86_400).unwrap());
-    let field = EarthField::from_model(place, day).unwrap();
-    let mut bench = TaskBench::with_compass();
-    publish_value(&bench.links.date, day);
-    bench.run_for_ms(1);
-    assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
-    bench.links.update_position(now(), place);
-    bench.run_for_ms(1);
-    let inclination_deg = Some(field.inclination_deg);
-    let by_model = Settings { declination_deg: field.declination_deg, inclination_deg, ..Settings::DEFAULT };
-    assert_eq!(bench.links.settings.try_get(), Some(by_model));
-    let reply = bench.execute_command(Command::Set(SettingChange::new("DECLINATION", Number(Some(3.0)))));
-    assert!(matches!(reply, Ok(Reply::Done(ModuleState::Uncalibrated))), "{reply:?}");
-    assert_eq!(bench.links.settings.try_get(), Some(Settings { declination_deg: Some(3.0), ..by_model }));
-    assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (1, 0));
-}
 
 #[test]
 fn a_failed_save_is_reported_and_counted() {
@@ -206,10 +183,6 @@ impl Platform for FakePlatform {
     fn reboot(&mut self) {
         self.0.set(self.0.get() + 1);
     }
-
-    fn peak_stack_use(&self) -> Option<StackUse> {
-        Some(StackUse { peak_used_bytes: 1234, size_bytes: 24576 })
-    }
 }
 
 /// Console task with its greeting removed from the output.
@@ -230,54 +203,6 @@ fn type_line(bench: &mut TaskBench, receiver: &FakeReceiver, transmitter: &FakeT
     receiver.queue_bytes(b"\r");
     bench.run_for_ms(5);
     transmitter.take_text()
-}
-
-#[test]
-fn every_kind_of_request_is_answered() {
-    let (mut bench, line, port, _) = bench_with_console();
-    bench.detect_sensor();
-    let heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
-    let attitude = Some(RollPitch::from_deg(12.0, -3.0));
-    publish_value(&bench.links.estimates, Estimate { heading, attitude, ..Estimate::EMPTY });
-    bench.run_for_ms(12_000);
-    for (text, answer) in [
-        ("version", "ok autoswing "),
-        ("status", "ok uncalibrated"),
-        ("status all", "sensor: LIS3MDL at 1e"),
-        ("status all", "attitude: roll 12.0 deg, pitch -3.0 deg"),
-        ("status all", "heading: 57.3 deg magnetic, sigma 1.1 deg"),
-        ("status all", "stack: 1234 of 24576 bytes used at most"),
-        ("status all", "up: 12 s, started by watchdog"),
-        ("cal show", "error no-calibration: "),
-        ("cal abort", "ok uncalibrated"),
-        ("cal undo", "error nothing-to-undo: "),
-        ("set accuracy 0.7", "ok accuracy 0.7 deg wanted\r\n"),
-        ("set mount yaw90", "ok mount yaw90"),
-        ("set align none", "ok align 0.0 deg"),
-        ("help set accuracy", "ok set accuracy DEG: "),
-        ("nonsense", "error unknown-command: "),
-    ] {
-        let reply = type_line(&mut bench, &line, &port, text);
-        assert!(reply.contains(&format!("\r\n{answer}")), "{text}: {reply}");
-        assert!(reply.ends_with("> "), "{text}: {reply}");
-    }
-}
-
-/// The reply has 50 ms to leave the port.
-#[test]
-fn a_reboot_is_refused_while_armed_and_announced_otherwise() {
-    let (mut bench, line, port, board) = bench_with_console();
-    publish_value(&bench.links.armed_state, Some(true));
-    let reply = type_line(&mut bench, &line, &port, "reboot");
-    assert!(reply.contains("\r\nerror armed: the autopilot is armed") && !reply.contains("ok"), "{reply}");
-    bench.run_for_ms(1_000);
-    assert_eq!(board.0.get(), 0);
-    publish_value(&bench.links.armed_state, Some(false));
-    assert!(type_line(&mut bench, &line, &port, "reboot").contains("ok restarting"));
-    bench.run_for_ms(40);
-    assert_eq!(board.0.get(), 0);
-    bench.run_for_ms(10);
-    assert_eq!(board.0.get(), 1);
 }
 
 /// On a board whose only UART serves a port, no console executes the restart.

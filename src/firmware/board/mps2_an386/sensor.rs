@@ -4,7 +4,7 @@ use autoswing::frames::{Field, Sensor as SensorFrame};
 use autoswing::reading::{Identity, Reading};
 use autoswing_firmware::chip::{ChipError, MeasuringChip};
 use autoswing_firmware::magnetometer::Magnetometer;
-use autoswing_firmware::magnetometer::lsm303dlhc::{Lsm303dlhc, Lsm303dlhcConfig, Lsm303dlhcRange};
+use autoswing_firmware::magnetometer::lsm303dlhc::Lsm303dlhc;
 
 use super::i2c::{NoAcknowledge, SensorBus};
 
@@ -17,7 +17,7 @@ pub struct Sensor(Lsm303dlhc<SensorBus>);
 
 impl Sensor {
     pub const fn new(bus: SensorBus) -> Self {
-        Self(Lsm303dlhc::new(bus, Lsm303dlhcConfig { range: Lsm303dlhcRange::Gauss1_3 }))
+        Self(Lsm303dlhc::new(bus))
     }
 }
 

@@ -7,6 +7,7 @@ use super::command_table::{
     Request, all_commands,
 };
 use super::line_editor::LINE_CAPACITY;
+use crate::console::wrapped_lines::WrappedLines;
 use crate::wire::mavlink::key_from_passphrase;
 use autoswing::decimal::{self, ShortestDecimal};
 use autoswing_module::compass::Command;
@@ -393,6 +394,7 @@ impl Display for CommandArgument {
 ///
 /// Those of `out`.
 pub fn write_help(out: &mut dyn fmt::Write, topic: Option<ConsoleCommand>) -> fmt::Result {
+    let out: &mut dyn fmt::Write = &mut WrappedLines::new(out);
     let Some(topic) = topic else {
         writeln!(out, "ok help COMMAND explains one")?;
         return write_help_of_next_words(out, ExpectedElement::FirstWord);

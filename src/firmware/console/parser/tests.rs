@@ -19,11 +19,13 @@ fn rejection_text(line: &str) -> String {
     }
 }
 
+/// The reply, whose lines fit a terminal of 79 columns, without the breaks between words.
 fn help_reply(line: &str) -> String {
     let Some(Ok(Request::Help(topic))) = parse_request(line) else { panic!("{line}") };
     let mut text = String::new();
     write_help(&mut text, topic).unwrap();
-    text
+    assert!(text.lines().all(|line| line.len() <= 79), "{text}");
+    text.replace("\n  ", " ")
 }
 
 #[test]

@@ -159,17 +159,4 @@ mod tests {
             assert_eq!(field_model_line(place, days), format!("field model: WMM2025, {words}\n"));
         }
     }
-
-    #[test]
-    fn degrees_are_shown_with_their_source() {
-        for (entered_deg, by_model_deg, words) in [
-            (Some(3.25), Some(5.16), "3.25 deg"),
-            (None, Some(-5.16), "-5.2 deg, by the field model"),
-            (None, None, "not set"),
-        ] {
-            let mut out = String::new();
-            write_angle(&mut out, entered_deg, by_model_deg, "not set").unwrap();
-            assert_eq!(out, words);
-        }
-    }
 }

@@ -25,99 +25,43 @@ const DATA_AVAILABLE_BIT: u8 = 0x08;
 /// `STATUS_REG`: a measurement was overwritten before it was read.
 const OVERRUN_BIT: u8 = 0x80;
 
-/// Measurement range.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lis3mdlRange {
-    /// Range of +-400 uT.
-    Gauss4,
-    /// Range of +-800 uT.
-    Gauss8,
-    /// Range of +-1200 uT.
-    Gauss12,
-    /// Range of +-1600 uT.
-    Gauss16,
-}
+/// 7-bit I2C address with pin SDO/SA1 high.
+const I2C_ADDRESS: u8 = 0x1E;
 
-impl Lis3mdlRange {
-    /// Range, gauss.
-    const fn full_scale_gauss(self) -> i32 {
-        match self {
-            Self::Gauss4 => 4,
-            Self::Gauss8 => 8,
-            Self::Gauss12 => 12,
-            Self::Gauss16 => 16,
-        }
-    }
+/// `CTRL_REG1` to `CTRL_REG5`. The range of 4 gauss is six times the strongest Earth field (66 uT), to allow for hard
+/// iron, at the finest resolution (0.015 uT).
+const CONTROL_REGISTERS: [u8; 5] = [
+    0b0111_1100, // 1: x and y in ultra-high-performance mode, 80 Hz, temperature sensor off
+    0b0000_0000, // 2: +-4 gauss
+    0b0000_0000, // 3: continuous conversion
+    0b0000_1100, // 4: z in ultra-high-performance mode, little endian
+    0b0100_0000, // 5: block data update
+];
 
-    /// Sensitivity, counts per gauss (data sheet table 3).
-    const fn counts_per_gauss(self) -> i32 {
-        match self {
-            Self::Gauss4 => 6842,
-            Self::Gauss8 => 3421,
-            Self::Gauss12 => 2281,
-            Self::Gauss16 => 1711,
-        }
-    }
+/// Sensitivity at +-4 gauss (data sheet table 3).
+const COUNTS_PER_GAUSS: i32 = 6842;
 
-    /// FS bits of `CTRL_REG2`.
-    const fn fs_bits(self) -> u8 {
-        (self as u8) << 5
-    }
-}
-
-/// Selectable settings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Lis3mdlConfig {
-    /// 7-bit I2C address: 0x1C with pin SDO/SA1 low, 0x1E with it high.
-    pub address: u8,
-    /// Measurement range.
-    pub range: Lis3mdlRange,
-}
-
-impl Default for Lis3mdlConfig {
-    /// +-4 gauss: six times the strongest Earth field (66 uT), to allow for hard iron, at the finest resolution (0.015
-    /// uT). Address 0x1E.
-    fn default() -> Self {
-        Self { address: 0x1E, range: Lis3mdlRange::Gauss4 }
-    }
-}
+/// End of the range.
+const FULL_SCALE_COUNTS: i32 = 4 * COUNTS_PER_GAUSS;
 
 /// LIS3MDL on an I2C bus.
 #[derive(Debug)]
 pub struct Lis3mdl<B> {
     chip: I2cRegisters<B>,
-    config: Lis3mdlConfig,
     polling: PollingSchedule,
 }
 
 impl<B: I2c> Lis3mdl<B> {
     /// Creates a driver; [`init`](MeasuringChip::init) is the first bus access.
-    pub const fn new(bus: B, config: Lis3mdlConfig) -> Self {
+    pub const fn new(bus: B) -> Self {
         Self {
-            chip: I2cRegisters::new(bus, config.address),
-            config,
+            chip: I2cRegisters::new(bus, I2C_ADDRESS),
             polling: PollingSchedule::new(PERIOD_US, chip::SLEEP_PERCENT),
         }
     }
 
-    /// `CTRL_REG1` to `CTRL_REG5`.
-    const fn control_registers(&self) -> [u8; 5] {
-        [
-            0b0111_1100, // 1: x and y in ultra-high-performance mode, 80 Hz, temperature sensor off
-            self.config.range.fs_bits(),
-            0b0000_0000, // 3: continuous conversion
-            0b0000_1100, // 4: z in ultra-high-performance mode, little endian
-            0b0100_0000, // 5: block data update
-        ]
-    }
-
     async fn read_registers<const N: usize>(&mut self, first: u8) -> Result<[u8; N], ChipError<B::Error>> {
         self.chip.read_registers(first | AUTO_INCREMENT).await
-    }
-
-    async fn write_control_registers(&mut self) -> Result<(), ChipError<B::Error>> {
-        let [c1, c2, c3, c4, c5] = self.control_registers();
-        self.chip.write_registers(&[CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5]).await
     }
 }
 
@@ -131,13 +75,14 @@ impl<B: I2c> MeasuringChip for Lis3mdl<B> {
             [WHO_AM_I_VALUE] => {}
             [other] => return Err(ChipError::WrongIdentity(other)),
         }
-        self.write_control_registers().await?;
+        let [c1, c2, c3, c4, c5] = CONTROL_REGISTERS;
+        self.chip.write_registers(&[CTRL_REG1 | AUTO_INCREMENT, c1, c2, c3, c4, c5]).await?;
         self.verify_configuration().await?;
         // With block data update, a transfer interrupted between the bytes of an axis freezes that axis until all are
         // read.
         let _old: [u8; 6] = self.read_registers(OUT_X_L).await?;
         self.polling.start_sleep();
-        Ok(Identity { model: MagnetometerModel::Lis3mdl, address: self.config.address })
+        Ok(Identity { model: MagnetometerModel::Lis3mdl, address: I2C_ADDRESS })
     }
 
     async fn read_measurement(&mut self) -> Result<Reading, ChipError<B::Error>> {
@@ -150,11 +95,11 @@ impl<B: I2c> MeasuringChip for Lis3mdl<B> {
             )
             .await?;
         let data = self.read_registers(OUT_X_L).await?;
-        Ok(decode_reading(status[0], data, self.config.range))
+        Ok(decode_reading(status[0], data))
     }
 
     async fn verify_configuration(&mut self) -> Result<(), ChipError<B::Error>> {
-        chip::compare_readback(self.control_registers(), self.read_registers(CTRL_REG1).await?)
+        chip::compare_readback(CONTROL_REGISTERS, self.read_registers(CTRL_REG1).await?)
     }
 
     fn period_us(&self) -> u32 {
@@ -171,15 +116,13 @@ impl<B: I2c> Magnetometer for Lis3mdl<B> {
 }
 
 /// Decodes the status register and six bytes from `OUT_X_L` on. The chip's axes are right-handed.
-fn decode_reading(status: u8, data: [u8; 6], range: Lis3mdlRange) -> Reading {
+fn decode_reading(status: u8, data: [u8; 6]) -> Reading {
     let [x_low, x_high, y_low, y_high, z_low, z_high] = data;
     let counts = [[x_low, x_high], [y_low, y_high], [z_low, z_high]].map(i16::from_le_bytes);
-    let full_scale = range.full_scale_gauss() * range.counts_per_gauss();
-    let microtesla_per_count = 100.0 / range.counts_per_gauss() as f32;
-    let [x_ut, y_ut, z_ut] = counts.map(|count| f32::from(count) * microtesla_per_count);
+    let [x_ut, y_ut, z_ut] = counts.map(|count| f32::from(count) * (100.0 / COUNTS_PER_GAUSS as f32));
     Reading {
         field: Field::from_ut(x_ut, y_ut, z_ut),
-        is_saturated: counts.iter().any(|&count| i32::from(count).abs() > full_scale),
+        is_saturated: counts.iter().any(|&count| i32::from(count).abs() > FULL_SCALE_COUNTS),
         was_overwritten: status & OVERRUN_BIT != 0,
     }
 }

@@ -1,7 +1,6 @@
 use super::*;
 use crate::port::snapshot::tests::test_snapshot;
 use autoswing::earth::{Date, Position};
-use autoswing::frames::{Field, RollPitch};
 use autoswing::instrument::Estimate;
 use autoswing_module::settings::Settings;
 use testkit::frames::msp_frame;
@@ -10,10 +9,6 @@ const ESTIMATE_PERIOD_US: u64 = 12_500;
 
 fn timestamp(us: u64) -> Timestamp {
     Timestamp::from_us(1_000_000 + us)
-}
-
-fn estimate_at(us: u64) -> Estimate {
-    Estimate { timestamp: timestamp(us), compass_field: Some(Field::from_ut(20.0, -5.1, 44.2)), ..Estimate::EMPTY }
 }
 
 fn poll_frames(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
@@ -80,38 +75,6 @@ fn count_requests(requested: &[(u64, u16)], function: MspFunction) -> usize {
     requested.iter().filter(|(_, requested)| *requested == function as u16).count()
 }
 
-/// Of 80 estimates a second, 50 are sent, each with its reading's time; nothing is sent without a field.
-#[test]
-fn compass_frames_are_sent_from_power_up() {
-    let mut msp = Msp::new();
-    let expected = compass_message(0, 1_000, Field::from_ut(20.0, -5.1, 44.2)).to_vec();
-    assert_eq!(
-        poll_frames(&mut msp, 3_000, &estimate_at(0))[0],
-        expected,
-        "the reading's time, not that of the sending"
-    );
-    let mut frame_count = 0;
-    for i in 1..=400 {
-        let frames = poll_frames(&mut msp, i * ESTIMATE_PERIOD_US, &estimate_at(i * ESTIMATE_PERIOD_US));
-        frame_count += frames.iter().filter(|frame| function_of_frame(frame) == 0x1F04).count();
-    }
-    assert!((249..=251).contains(&frame_count), "in 5 s: {frame_count}");
-    for i in 401..500 {
-        let distrusted = Estimate { timestamp: timestamp(i * ESTIMATE_PERIOD_US), ..Estimate::EMPTY };
-        assert!(
-            poll_frames(&mut msp, i * ESTIMATE_PERIOD_US, &distrusted)
-                .iter()
-                .all(|frame| function_of_frame(frame) != 0x1F04)
-        );
-    }
-    assert!(
-        poll_frames(&mut msp, 500 * ESTIMATE_PERIOD_US, &estimate_at(0))
-            .iter()
-            .any(|frame| function_of_frame(frame) == 0x1F04),
-        "at once again"
-    );
-}
-
 /// Only the firmware is requested, 20 times a second until it replies. An unknown firmware provides no attitude.
 #[test]
 fn without_a_known_firmware_attitude_is_ignored() {
@@ -126,21 +89,6 @@ fn without_a_known_firmware_attitude_is_ignored() {
     }
     let first = poll_frames(&mut Msp::new(), 0, &Estimate::EMPTY);
     assert!(first.iter().any(|frame| function_of_frame(frame) == MspFunction::FcVariant as u16), "at once");
-}
-
-/// Roll of 10 deg right, pitch of 5 deg up or, from INAV, down; no clock and no rates.
-#[test]
-fn attitude_is_received_with_the_firmware_s_signs() {
-    let mut msp = Msp::new();
-    for (name, pitch_deg) in [(b"ARDU", 5.0), (b"INAV", -5.0)] {
-        assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, name).is_empty());
-        let received = receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD);
-        let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
-        let expected = RollPitch::from_deg(10.0, pitch_deg);
-        assert!((report.attitude.roll_rad - expected.roll_rad).abs() < 1e-6);
-        assert!((report.attitude.pitch_rad - expected.pitch_rad).abs() < 1e-6, "{name:?} {report:?}");
-        assert_eq!((report.body_rates, report.sender_clock_at_sending), (None, WrappingMillis::new(0)));
-    }
 }
 
 /// INAV's gyro: forward, left, up, deg/s. ArduPilot answers with an empty frame, and is not asked again for each

@@ -125,18 +125,6 @@ impl<'a> BitReader<'a> {
 mod tests {
     use super::*;
 
-    /// Example of the specification: a 13-bit integer of 300 and a tag of zero.
-    #[test]
-    fn a_partial_byte_is_left_aligned() {
-        let mut writer = BitWriter::default();
-        writer.put_bits(300, 13);
-        writer.put_bits(0, 3);
-        let payload = writer.into_payload();
-        assert_eq!(payload, [0x2C, 0x08]);
-        let mut reader = BitReader::new(&payload);
-        assert_eq!((reader.read_bits(13), reader.read_bits(3)), (300, 0));
-    }
-
     /// Widths that leave every bit offset, with values of all ones and of a pattern.
     #[test]
     fn values_of_every_width_are_read_back_at_every_offset() {
@@ -156,14 +144,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn missing_bits_are_zero_and_missing_bytes_none() {
-        let mut reader = BitReader::new(&[0xFF]);
-        assert_eq!(reader.read_bits(12), 0xFF);
-        assert_eq!((reader.read_bits(64), reader.read_remaining_bytes()), (0, &[][..]));
-        assert_eq!(BitReader::new(&[0xFE]).read_signed(8), -2);
-        assert_eq!(BitReader::new(&[1, 2, 3]).read_bytes(2), [1, 2]);
     }
 }

@@ -6,7 +6,7 @@
 //! turn, which separates the two, or from the time without a change before. The mean square error is the square of
 //! that integral times the probability of hard iron.
 
-use super::parameters::GYRO_OFFSET_SIGMA_RAD_S;
+use super::parameters::{GYRO_OFFSET_SIGMA_RAD_S, HARD_IRON_PROBABILITY};
 use crate::trig::square;
 
 /// Time constant of the mean heading rate, seconds: gusts are shorter, turns are longer.
@@ -18,11 +18,6 @@ const MIN_TURN_RATE_RAD_S: f32 = 0.08;
 /// Change of the offset, in sigmas of the known one, that is as probable with hard iron as without. With 2, twice as
 /// many headings are bad after hard iron has changed by 5 uT within 4 to 60 s.
 const SIGNIFICANCE_SIGMAS: f32 = 1.5;
-
-/// Probability that hard iron has changed and not the gyro's offset, when the offset's change is certain. With a
-/// quarter, one and a half times as many headings are bad; with a half, the sigma is twice the RMS error when the
-/// offset grows by 2 deg/s in a minute.
-const HARD_IRON_PROBABILITY: f32 = 0.4;
 
 /// Ratio of variances from which an estimate without a change replaces the known offset: half the sigma.
 const LEARNT_VARIANCE_RATIO: f32 = 0.25;

@@ -33,7 +33,7 @@ pub(super) struct Innovation {
 }
 
 /// Half-width of the wide innovation gate, sigmas.
-const WIDE_GATE_SIGMAS: f32 = 4.0;
+pub(super) const WIDE_GATE_SIGMAS: f32 = 4.0;
 
 /// Consecutive innovations beyond the wide gate that detect a change: 0.2 s.
 const WIDE_GATE_FAILURES: u8 = 2;

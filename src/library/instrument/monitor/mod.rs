@@ -52,7 +52,7 @@ use heading_drift::{GyroOffsetEstimate, HeadingDrift};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
 use installation_change::{ChangeDetector, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_RAD};
 pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
-use mean_innovation::MeanInnovations;
+use mean_innovation::{MeanInnovations, SlowChange};
 use measurement_model::{
     ATTITUDE_LATENCY_INDEX, BANK_SCALE_ERROR_INDEX, DRIFTING_STATES, FIRST_GYRO_ERROR_INDEX, GYRO_HEADING_OFFSET_INDEX,
     GYRO_RATE_OFFSET_INDICES, HARD_IRON_CHANGE_INDEX, HARD_IRON_INDICES, INCLINATION_CHANGE_INDEX, MOUNT_TURN_INDEX,
@@ -63,15 +63,15 @@ pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::mount_turn_rad;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, CONTINUED_CHANGE_TIME_S,
-    EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S,
-    INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
+    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
+    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
+    MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
     MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
     MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
     MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
     MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
     POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS,
-    UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
+    UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -380,14 +380,18 @@ impl Monitor {
         step_s: f32,
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
-        if let Some(heading_change_rad) = self.mean_innovations.update_means(&innovations, step_s)
+        let slow_change = self.mean_innovations.update_means(&innovations, step_s);
+        if let Some(SlowChange::Heading(heading_change_rad)) = slow_change
             && self.post_change_remaining_s <= 0.0
         {
             self.inflate_gyro_rate_offsets(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => {
-                self.inflate_by_continued_change(model, innovations, step_s);
+                let is_slow = slow_change == Some(SlowChange::Field) && is_usable == [true; 3];
+                if is_slow || self.innovation_gate.is_change_recent() {
+                    self.inflate_by_unexplained_change(model, innovations, step_s);
+                }
                 is_usable
             }
             GateResult::ChangeDetected { exceeding_residuals } => {
@@ -400,22 +404,22 @@ impl Monitor {
         }
     }
 
-    /// Inflates hard iron by the part of the innovations that its variance does not explain, soon after a detected
-    /// change: the change may go on, and then gyro offset and attitude must not follow it. Not in turns, where the gates
-    /// detect it again.
-    fn inflate_by_continued_change(
+    /// Inflates hard iron by the part of the innovations that its variance does not explain, during a slow change and soon
+    /// after a detected one, which may go on: gyro offset, heading and attitude must not follow it. Not in turns, where the
+    /// gates detect it again.
+    fn inflate_by_unexplained_change(
         &mut self,
         model: &MeasurementModel,
         innovations: PerKind<Option<Innovation>>,
         step_s: f32,
     ) {
-        if !self.innovation_gate.is_change_recent() || self.heading_drift.is_turning() {
+        if self.heading_drift.is_turning() {
             return;
         }
         let unexplained = |Innovation { residual, variance }| (residual * residual - variance).max(0.0);
         let [strength, inclination, heading] = innovations.map(|innovation| innovation.map_or(0.0, unexplained));
         let square_size = strength.max(inclination).max(heading * square(model.cos_inclination()));
-        let variance = square_size.min(square(MAX_INFLATING_INNOVATION)) * step_s / CONTINUED_CHANGE_TIME_S;
+        let variance = square_size.min(square(MAX_INFLATING_INNOVATION)) * step_s / UNEXPLAINED_CHANGE_TIME_S;
         self.inflate_states(&HARD_IRON_INDICES, variance);
     }
 
@@ -571,7 +575,8 @@ impl Monitor {
         } else {
             // Without a detected change, attitude errors are part of the noise; hard iron may still drift.
             self.filter.projected_variance(&by_field)
-        } + self.heading_drift.variance_rad2();
+        } + self.heading_drift.variance_rad2()
+            + alternative_cause_variance_rad2(&change, heading_jacobian, &states);
         self.output = MonitorOutput {
             states,
             coefficient_variance_factor: self.coefficient_variance_factor.variance_factor(),
@@ -666,6 +671,20 @@ impl Monitor {
         }
         Ok(())
     }
+}
+
+/// Heading variance by causes that are estimated beside changed hard iron: biases of the attitude, an error of its bank,
+/// a turn of the mount. Two causes at once are improbable, so that hard iron may be the only one.
+fn alternative_cause_variance_rad2(
+    hard_iron_change: &Vector3<f32>,
+    heading_jacobian: &StateVector,
+    states: &StateVector,
+) -> f32 {
+    if hard_iron_change.vector_length() < MAX_DECAYING_HARD_IRON {
+        return 0.0;
+    }
+    let causes = [ROLL_BIAS_INDEX, PITCH_BIAS_INDEX, BANK_SCALE_ERROR_INDEX, MOUNT_TURN_INDEX];
+    HARD_IRON_PROBABILITY * causes.into_iter().map(|i| square(heading_jacobian[i] * states[i])).sum::<f32>()
 }
 
 fn is_level(roll_rad: f32) -> bool {

@@ -67,9 +67,14 @@ pub(super) const POST_CHANGE_S: f32 = 60.0;
 /// Hard-iron process noise within `POST_CHANGE_S` of a detected change: 0.4 uT of 50 in a minute.
 pub(super) const POST_CHANGE_HARD_IRON_NOISE: StateNoise = random_walk_noise(0.01, 1e-6);
 
-/// Time in which a detected change that goes on moves the hard iron by its innovation, seconds: a third of it in a
-/// sample. With 1 s, errors are the same.
-pub(super) const CONTINUED_CHANGE_TIME_S: f32 = 0.3;
+/// Time in which a slow or continued change moves the hard iron by its innovation, seconds: a third of it in a sample.
+/// With 1 s, errors are the same.
+pub(super) const UNEXPLAINED_CHANGE_TIME_S: f32 = 0.3;
+
+/// Probability that hard iron has changed and not the other cause that explains the same field. With a quarter, one and a
+/// half times as many headings are bad; with a half, the sigma is twice the RMS error when the gyro's offset grows by 2
+/// deg/s in a minute.
+pub(super) const HARD_IRON_PROBABILITY: f32 = 0.4;
 
 /// Inflation of the heading variance at a detected change (dimensionless): the states may not model the change. It ends
 /// within `POST_CHANGE_S` if the field is as calibrated again.

@@ -121,6 +121,11 @@ impl HeadingSmoother {
         })
     }
 
+    /// Variance of the raw heading by its disagreement with the gyro, rad^2: whichever of the two is wrong.
+    pub const fn disagreement_variance_rad2(&self) -> f32 {
+        self.agreement_test.excess_variance_rad2()
+    }
+
     /// Time and measurement update; requests a restart if the filter is lost.
     fn update_filter(
         &mut self,

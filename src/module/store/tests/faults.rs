@@ -1,14 +1,8 @@
 //! Flash that fails to read or write: error code, text, and remaining values.
 
-use testkit::flash::{CutProgress, SilentFault};
+use testkit::flash::SilentFault;
 
 use super::*;
-
-#[test]
-fn a_failed_flash_write_is_reported() {
-    let mut flash = Flash::new(PAGE_COUNT).cut_at(0, (CutProgress::Before, 0));
-    assert_eq!(save_calibration(&mut flash, 1), Err(StoreError::Flash));
-}
 
 fn page_byte_range(page: usize) -> Range<usize> {
     page * PAGE_SIZE..(page + 1) * PAGE_SIZE

@@ -146,15 +146,6 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
 }
 
 #[test]
-fn each_of_25_saves_is_loaded_again() {
-    let mut flash = Flash::new(PAGE_COUNT);
-    for serial in 1..=25 {
-        save_calibration(&mut flash, serial).unwrap();
-        assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(serial)));
-    }
-}
-
-#[test]
 fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
     let mut flash = flash_after_saves(1);
     for serial in 2..12 {

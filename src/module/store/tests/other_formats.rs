@@ -16,25 +16,9 @@ fn item_of_format(format: u8) -> Vec<u8> {
     append_crc(item)
 }
 
-/// Start of a page written by firmware before the first release: page marker; CRC, length and CRC of the length of the
-/// entry; key, format, content, CRC.
-fn development_page(format: u8) -> Vec<u8> {
-    let mut value = vec![format];
-    value.extend((0..700).map(|n| n as u8));
-    let value = append_crc(value);
-    let mut page = vec![0; 8];
-    page.extend([0x11, 0x22, 0x33, 0x44]);
-    page.extend((value.len() as u16 + 1).to_le_bytes());
-    page.extend([0x55, 0x66, 0]);
-    // The entry's data is put after the header, aligned to 8 bytes.
-    page.truncate(16);
-    page.push(0);
-    page.extend(value);
-    page
-}
-
 /// Another format on one, two or all pages; the others are erased, hold values of this format, or are damaged.
-fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
+fn flashes_with_other_format() -> Vec<(String, Flash)> {
+    let item = item_of_format(LATER_FORMAT);
     let mut flashes = Vec::new();
     let mut damaged = Flash::new(PAGE_COUNT);
     damaged.bytes.fill(0x5A);
@@ -44,29 +28,21 @@ fn flashes_with_item(format: u8, item: &[u8]) -> Vec<(String, Flash)> {
             for pages in [first..first + 1, first..PAGE_COUNT, 0..first + 1] {
                 let mut flash = flash.clone();
                 flash.operation_count = 0;
-                pages.clone().for_each(|page| write_page(&mut flash, page, item));
-                flashes.push((format!("format {format} in pages {pages:?}, others {others}"), flash));
+                pages.clone().for_each(|page| write_page(&mut flash, page, &item));
+                flashes.push((format!("in pages {pages:?}, others {others}"), flash));
             }
         }
     }
     flashes
 }
 
-fn flashes_with_other_formats() -> Vec<(u8, String, Flash)> {
-    let flashes_of_format = |format, item: Vec<u8>| {
-        flashes_with_item(format, &item).into_iter().map(move |(case, flash)| (format, case, flash))
-    };
-    let development_formats = (2..=9).flat_map(|format| flashes_of_format(format, development_page(format)));
-    flashes_of_format(LATER_FORMAT, item_of_format(LATER_FORMAT)).chain(development_formats).collect()
-}
-
 /// Values of this format are not loaded, because they may be outdated: which of them remain depends on the number of
 /// saves by the other firmware.
 #[test]
 fn another_format_is_reported_and_left_untouched() {
-    for (format, case, flash) in flashes_with_other_formats() {
+    for (case, flash) in flashes_with_other_format() {
         let mut copy = flash.clone();
-        let error = StoreError::OtherFormat(format);
+        let error = StoreError::OtherFormat(LATER_FORMAT);
         assert_eq!(
             load_readable_values(&mut copy),
             LoadedValues { stored_values: StoredValues::default(), load_error: Some(error) },
@@ -88,27 +64,12 @@ fn each_other_format_is_named() {
     for format in (0..=255).filter(|format| *format != flash_page::STORE_FORMAT) {
         assert_eq!(flash_page::parse_page(&item_of_format(format)), PageContent::OtherFormat(format));
     }
-    for format in 2..=9 {
-        assert_eq!(flash_page::parse_page(&development_page(format)), PageContent::OtherFormat(format));
-    }
-}
-
-#[test]
-fn clear_replaces_another_format() {
-    for (_, case, mut flash) in flashes_with_other_formats() {
-        save_change(&mut flash, StoreChange::Clear).unwrap();
-        assert_eq!(load_values(&mut flash), Ok(StoredValues::default()), "{case}");
-        for serial in 1..=4 {
-            save_calibration(&mut flash, serial).unwrap();
-            assert_eq!(load_stored_calibrations(&mut flash), Ok(stored_calibrations(serial)), "{case}");
-        }
-    }
 }
 
 /// After a cut at any operation no old value is loaded, and a second clearing succeeds.
 #[test]
 fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
-    for (format, case, start) in flashes_with_other_formats() {
+    for (case, start) in flashes_with_other_format() {
         let mut complete = start.clone();
         save_change(&mut complete, StoreChange::Clear).unwrap();
         for at in 0..complete.operation_count {
@@ -117,7 +78,7 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
                 save_change(&mut flash, StoreChange::Clear).unwrap_err();
                 let mut flash = flash.power_on();
                 let found = load_values(&mut flash);
-                let allowed = [Err(StoreError::OtherFormat(format)), Ok(StoredValues::default())];
+                let allowed = [Err(StoreError::OtherFormat(LATER_FORMAT)), Ok(StoredValues::default())];
                 assert!(allowed.contains(&found), "{case}, {cut:?} at {at}: {found:?}");
                 save_change(&mut flash, StoreChange::Clear).unwrap();
                 assert_eq!(load_values(&mut flash), Ok(StoredValues::default()), "{case}, {cut:?} at {at}");
@@ -129,7 +90,7 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
 /// An unreadable flash is not written; a page that cannot be erased is reported.
 #[test]
 fn a_flash_that_fails_is_not_cleared() {
-    for (_, case, flash) in flashes_with_other_formats() {
+    for (case, flash) in flashes_with_other_format() {
         let mut copy = flash.clone();
         copy.unreadable = Some((0..PAGE_SIZE, usize::MAX));
         assert_eq!(save_change(&mut copy, StoreChange::Clear), Err(StoreError::Flash), "{case}");

@@ -1,5 +1,4 @@
-//! Power failures during a save, and again during the next one. `tests/promises/persistence.rs` tests every pair of cuts of
-//! accepted calibrations; this file tests the other changes, and a few second cuts after each first one.
+//! Power failures during a save, and again during the next one.
 
 use testkit::flash::CutProgress;
 use testkit::random::Random;

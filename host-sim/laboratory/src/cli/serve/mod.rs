@@ -46,6 +46,9 @@ use host_sim::print;
 ///
 /// `lab console --tcp 5760` in another terminal; then: cal start
 ///
+/// Until an autopilot sends attitude to its port, the simulator sends attitude, current and, with the airframe table1,
+/// position and date. An MSP autopilot needs `--attitude peer`.
+///
 /// Exit codes: 130 ended by Ctrl-C, 2 wrong command or unavailable port.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: lab serve --tcp 5760", after_long_help = after_help())]
@@ -59,7 +62,8 @@ pub struct ServeCommandOptions {
     /// Take the attitude from another simulator: UDP datagrams to this port of this computer, 0 to 65535 (0: any free
     /// one), each a text `roll_deg pitch_deg yaw_deg [step_s]`, right wing down and nose up positive, yaw from magnetic
     /// north, at 20 Hz or more. The simulator's own attitude is then sent as disarmed. With step_s, 0 to 1, that
-    /// simulator drives the module's clock: the module advances by it, answers with its time, and waits
+    /// simulator drives the module's clock: the module advances by it, answers with its time, and waits. The first
+    /// datagram sets the attitude at once; a later jump can appear to the module as a change of hard iron
     #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
@@ -152,7 +156,7 @@ fn after_help() -> String {
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
            lab console --tcp 5760           type to the module\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
-           gpsd -N -n tcp://127.0.0.1:5762       the same for a navigation program\n  \
+           gpsd -N -n tcp://127.0.0.1:5762       the same for gpsd, with a declination\n  \
            --serial5=tcpclient:127.0.0.1:5761    ArduPilot's simulator as the attitude\n    \
              source, with SERIAL5_PROTOCOL 2\n\n\
          The virtual time of the module stands still while this program does not run; what the module does is a function of \

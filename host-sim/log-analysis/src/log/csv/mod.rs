@@ -57,36 +57,32 @@ pub fn is_table(first_bytes: &[u8]) -> bool {
 ///
 /// The table has no usable rows, or a column is missing.
 pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvError> {
-    let unreadable = |error: std::io::Error| CsvError::Unreadable(error.to_string());
     let mut window = ReadWindow::new(&mut source);
     let mut line_number = 0_u64;
-    let mut table: Option<TableLayout> = None;
+    let mut next_line = || {
+        while let Some(line) = window.next_line().map_err(|error| CsvError::Unreadable(error.to_string()))? {
+            line_number += 1;
+            if !is_comment(line.as_bytes()) {
+                return Ok(Some((line_number, line)));
+            }
+        }
+        Ok(None)
+    };
+    let Some((_, header)) = next_line()? else { return Err(CsvError::MissingColumn("t_s".to_owned())) };
+    let table = TableLayout::from_header(&header)?;
     let mut first_lines = Vec::new();
-    let mut table_reader: Option<TableReader> = None;
-    while let Some(line) = window.next_line().map_err(unreadable)? {
-        line_number += 1;
-        if is_comment(line.as_bytes()) {
-            continue;
-        }
-        let Some(table) = &table else {
-            table = Some(TableLayout::from_header(&line)?);
-            continue;
-        };
-        if let Some(table_reader) = &mut table_reader {
-            table_reader.record_line(table, unit, line_number, &line);
-            continue;
-        }
-        first_lines.push((line_number, line));
-        if first_lines.len() == MAX_ORDER_CHECK_LINES {
-            let table_reader = table_reader.insert(TableReader::from_first_lines(table, &first_lines));
-            first_lines
-                .drain(..)
-                .for_each(|(line_number, line)| table_reader.record_line(table, unit, line_number, &line));
-        }
+    while first_lines.len() < MAX_ORDER_CHECK_LINES
+        && let Some(line) = next_line()?
+    {
+        first_lines.push(line);
     }
-    let Some(table) = table else { return Err(CsvError::MissingColumn("t_s".to_owned())) };
-    let mut table_reader = table_reader.unwrap_or_else(|| TableReader::from_first_lines(&table, &first_lines));
-    first_lines.drain(..).for_each(|(line_number, line)| table_reader.record_line(&table, unit, line_number, &line));
+    let mut table_reader = TableReader::from_first_lines(&table, &first_lines);
+    for (line_number, line) in first_lines {
+        table_reader.record_line(&table, unit, line_number, &line);
+    }
+    while let Some((line_number, line)) = next_line()? {
+        table_reader.record_line(&table, unit, line_number, &line);
+    }
     table_reader.finish_flight()
 }
 

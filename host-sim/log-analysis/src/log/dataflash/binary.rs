@@ -4,6 +4,7 @@ use std::io::{self, Read};
 
 use super::super::flight::{LogFormat, LoggedFlight};
 use super::super::read_window::ReadWindow;
+use super::super::scalar::ScalarType;
 use super::messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
 
 const FRAME_START: [u8; 2] = [0xA3, 0x95];
@@ -12,11 +13,17 @@ const FMT_MESSAGE_LENGTH: usize = 89;
 const HEADER_LENGTH: usize = 3;
 
 pub fn matches_header(first_bytes: &[u8]) -> bool {
-    const MAX_START_SEARCH_BYTES: usize = 1024;
+    let header = [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER];
     first_bytes
-        .windows(HEADER_LENGTH)
-        .take(MAX_START_SEARCH_BYTES)
-        .any(|window| window == [FRAME_START[0], FRAME_START[1], FMT_MESSAGE_NUMBER])
+        .windows(FMT_MESSAGE_LENGTH)
+        .any(|message| message.starts_with(&header) && MessageLayout::from_fmt(message).is_some())
+}
+
+/// Whether these are messages without definitions: frames at least as often as once in 256 bytes.
+pub fn is_without_start(first_bytes: &[u8]) -> bool {
+    const MIN_FRAMES: usize = 20;
+    let frame_count = first_bytes.windows(FRAME_START.len()).filter(|window| *window == FRAME_START).count();
+    frame_count >= MIN_FRAMES.max(first_bytes.len() / 256)
 }
 
 /// Whether the log is one of PX4's sdlog2, which has the same frames and other messages: its clock is `TIME.StartTime`.
@@ -96,17 +103,38 @@ impl MessageLayout {
     }
 }
 
-/// Bytes of a column by its format letter (LogStructure.h).
-const fn format_byte_len(format_letter: u8) -> Option<usize> {
+/// Type of a column's number by its format letter, and the part of a unit that it counts (LogStructure.h).
+const fn number_format(format_letter: u8) -> Option<(ScalarType, f64)> {
     Some(match format_letter {
-        b'b' | b'B' | b'M' => 1,
-        b'h' | b'H' | b'c' | b'C' | b'g' => 2,
-        b'i' | b'I' | b'e' | b'E' | b'f' | b'L' | b'n' => 4,
-        b'q' | b'Q' | b'd' => 8,
-        b'N' => 16,
-        b'a' | b'Z' => 64,
+        b'b' => (ScalarType::Signed(1), 1.0),
+        b'B' | b'M' => (ScalarType::Unsigned(1), 1.0),
+        b'h' => (ScalarType::Signed(2), 1.0),
+        b'H' => (ScalarType::Unsigned(2), 1.0),
+        b'c' => (ScalarType::Signed(2), 100.0),
+        b'C' => (ScalarType::Unsigned(2), 100.0),
+        b'i' => (ScalarType::Signed(4), 1.0),
+        b'I' => (ScalarType::Unsigned(4), 1.0),
+        b'e' => (ScalarType::Signed(4), 100.0),
+        b'E' => (ScalarType::Unsigned(4), 100.0),
+        b'L' => (ScalarType::Signed(4), 1e7),
+        b'f' => (ScalarType::Float(4), 1.0),
+        b'q' => (ScalarType::Signed(8), 1.0),
+        b'Q' => (ScalarType::Unsigned(8), 1.0),
+        b'd' => (ScalarType::Float(8), 1.0),
         _ => return None,
     })
+}
+
+/// Bytes of a column by its format letter.
+const fn format_byte_len(format_letter: u8) -> Option<usize> {
+    match (number_format(format_letter), format_letter) {
+        (Some((scalar_type, _)), _) => Some(scalar_type.byte_len()),
+        (None, b'g') => Some(2),
+        (None, b'n') => Some(4),
+        (None, b'N') => Some(16),
+        (None, b'a' | b'Z') => Some(64),
+        _ => None,
+    }
 }
 
 pub(super) const fn is_plain_integer(format_letter: u8) -> bool {
@@ -131,24 +159,8 @@ impl BinaryMessage<'_> {
 impl LogMessage for BinaryMessage<'_> {
     fn numeric_field(&self, name: &str) -> Option<f64> {
         let (format_letter, bytes) = self.column_bytes(name)?;
-        Some(match (format_letter, bytes) {
-            (b'b', &[a]) => f64::from(a.cast_signed()),
-            (b'B' | b'M', &[a]) => f64::from(a),
-            (b'h', &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
-            (b'H', &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
-            (b'c', &[a, b]) => f64::from(i16::from_le_bytes([a, b])) / 100.0,
-            (b'C', &[a, b]) => f64::from(u16::from_le_bytes([a, b])) / 100.0,
-            (b'i', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
-            (b'I', &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
-            (b'e', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])) / 100.0,
-            (b'E', &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])) / 100.0,
-            (b'L', &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])) * 1e-7,
-            (b'f', &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
-            (b'q', &[a, b, c, d, e, f, g, h]) => i64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
-            (b'Q', &[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
-            (b'd', &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
-            _ => return None,
-        })
+        let (scalar_type, units) = number_format(format_letter)?;
+        Some(scalar_type.decode_number(bytes)? / units)
     }
 
     fn has_column(&self, name: &str) -> bool {

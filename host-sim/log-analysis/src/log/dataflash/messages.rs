@@ -13,9 +13,9 @@ pub(in crate::log) trait LogMessage {
 }
 
 /// Names of the messages that are read.
-pub(in crate::log) const MESSAGES_TO_READ: [&str; 26] = [
+pub(in crate::log) const MESSAGES_TO_READ: [&str; 27] = [
     "MAG", "MAG2", "MAG3", "ATT", "IMU", "GPS", "BAT", "CURR", "XKF1", "NKF1", "XKQ", "XKQ1", "NKQ", "NKQ1", "AHR2",
-    "XKF4", "NKF4", "PARM", "MSG", "ARM", "EV", "SIM", "VER", "RCOU", "ESC", "CTUN",
+    "XKF4", "NKF4", "PARM", "MSG", "ARM", "EV", "SIM", "VER", "RCOU", "ESC", "CTUN", "MODE",
 ];
 
 pub(in crate::log) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
@@ -98,6 +98,11 @@ pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, me
             Some(11) => builder.push_armed(t_s, false),
             _ => {}
         },
+        "MODE" => {
+            if let Some(mode) = message.numeric_field("ModeNum").or_else(|| message.numeric_field("Mode")) {
+                builder.flight_modes.push_row(t_s, [mode as f32]);
+            }
+        }
         "SIM" => record_true_attitude(builder, t_s, message),
         "VER" => builder.set_firmware(&message.text_field("FWS").unwrap_or_default()),
         "MSG" => {

@@ -8,7 +8,7 @@ mod binary;
 mod messages;
 mod text_log;
 
-pub use binary::{is_sdlog2, matches_header, read_binary};
+pub use binary::{is_sdlog2, is_without_start, matches_header, read_binary};
 pub(super) use messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, quaternion_to_euler_rad, record_message};
 pub use text_log::read_text;
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::recording::FlightRecording;
 
 /// Number, name, format letters and columns of each message written.
-const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 10] = [
+const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 11] = [
     (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
     (64, "PARM", "QNff", "TimeUS,Name,Value,Default"),
     (65, "MSG", "QZ", "TimeUS,Message"),
@@ -16,6 +16,7 @@ const WRITTEN_MESSAGES: [(u8, &str, &str, &str); 10] = [
     (70, "BAT", "QBff", "TimeUS,Inst,Volt,Curr"),
     (71, "RCOU", "QHHHHHHHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8,C9,C10,C11,C12,C13,C14"),
     (72, "ESC", "QBff", "TimeUS,Instance,Volt,Curr"),
+    (73, "MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
 ];
 
 /// GPS week 2400 began 2026-01-04.
@@ -103,6 +104,9 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Co
                 std::iter::once(time_us).chain(numbers.iter().copied()).map(ColumnValue::from).collect();
             write(index, &values);
         };
+        if i == 0 || recording.samples[i - 1].flight_mode != sample.flight_mode {
+            row(10, &[f64::from(sample.flight_mode), f64::from(sample.flight_mode), 0.0]);
+        }
         row(3, &sample.attitude_rad.map(f64::to_degrees));
         for compass_number in 1..=recording.compass_count() {
             let (field, motor) = recording.ardupilot_field_ut(sample, compass_number);
@@ -133,7 +137,7 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Co
 
 const fn format_size(format_code: u8) -> usize {
     match format_code {
-        b'B' => 1,
+        b'B' | b'M' => 1,
         b'h' | b'H' => 2,
         b'Q' => 8,
         b'N' => 16,
@@ -144,7 +148,7 @@ const fn format_size(format_code: u8) -> usize {
 
 fn encode_number(format_code: u8, number: f64) -> Vec<u8> {
     match format_code {
-        b'B' => vec![number as u8],
+        b'B' | b'M' => vec![number as u8],
         b'h' => (number.round() as i16).to_le_bytes().to_vec(),
         b'H' => (number as u16).to_le_bytes().to_vec(),
         b'I' => (number as u32).to_le_bytes().to_vec(),

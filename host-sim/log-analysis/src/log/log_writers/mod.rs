@@ -1,11 +1,13 @@
 //! Writers of flights in every readable log format, for demonstrations and tests.
 
+mod blackbox;
 mod csv;
 mod dataflash;
 mod recording;
 mod tlog;
 mod ulog;
 
+pub use blackbox::encode_blackbox;
 pub use csv::encode_csv;
 pub use dataflash::{encode_dataflash, encode_dataflash_text};
 pub use recording::{FlightRecording, FlightSample};
@@ -14,7 +16,7 @@ pub use ulog::encode_ulog;
 
 use std::path::Path;
 
-/// Encodes a recording by a file's extension: `.bin`, `.log`, `.ulg`, `.tlog`, else a table.
+/// Encodes a recording by a file's extension: `.bin`, `.log`, `.ulg`, `.tlog`, `.bbl`, else a table.
 #[must_use]
 pub fn encode_for_path(path: &Path, recording: &FlightRecording) -> Vec<u8> {
     match path.extension().and_then(|extension| extension.to_str()) {
@@ -22,6 +24,7 @@ pub fn encode_for_path(path: &Path, recording: &FlightRecording) -> Vec<u8> {
         Some("log") => encode_dataflash_text(recording),
         Some("ulg") => encode_ulog(recording),
         Some("tlog") => encode_tlog(recording),
+        Some("bbl") => encode_blackbox(recording),
         _ => encode_csv(recording),
     }
 }

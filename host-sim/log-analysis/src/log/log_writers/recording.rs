@@ -26,6 +26,8 @@ pub struct FlightSample {
     pub current_a: f64,
     /// Whether the aircraft is armed.
     pub is_armed: bool,
+    /// ArduPilot's number of the flight mode.
+    pub flight_mode: u8,
     /// Outputs to servos and speed controllers, 0 to 1, at most 14.
     pub outputs: Vec<f64>,
     /// Currents of the speed controllers, amperes, at most 4.

@@ -109,6 +109,7 @@ impl FrameWriter {
         let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
         let mavtype = if recording.is_copter { MavType::MAV_TYPE_QUADROTOR } else { MavType::MAV_TYPE_FIXED_WING };
         self.write_message(&HEARTBEAT_DATA {
+            custom_mode: u32::from(sample.flight_mode),
             mavtype,
             autopilot,
             base_mode,

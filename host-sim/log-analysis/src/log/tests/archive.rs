@@ -49,6 +49,32 @@ fn the_only_log_of_an_archive_is_read() {
     }
 }
 
+/// An archive of a log that was packed by itself, a log decoded by `mavlogdump`, a blackbox of two flights, and another
+/// archive.
+#[test]
+fn each_log_of_an_archive_is_visited() {
+    let table = encode_csv(&two_compass_recording(&[]));
+    let blackbox = encode_blackbox(&two_compass_recording(&[]));
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), Compression::fast());
+    gzip.write_all(&table).unwrap();
+    let inner = archive(&[("flight.csv", &table)], Packing::Deflated);
+    let [json, ..] = decoded::logs_in_each_syntax();
+    let files: [(&str, &[u8]); 5] = [
+        ("a.csv.gz", &gzip.finish().unwrap()),
+        ("b.json", &json),
+        ("LOG1.TXT", &[&blackbox[..], &blackbox].concat()),
+        ("day.zip", &inner),
+        ("notes.txt", b"windy"),
+    ];
+    let (mut names, archive) = (Vec::new(), archive(&files, Packing::SizesFollow));
+    visit_unchecked(&mut archive.as_slice(), (FieldUnit::Milligauss, None), &mut |name, flight| {
+        names.push(name.to_owned());
+        assert_eq!(flight.unwrap().skipped_counts.garbage, 0, "{name}");
+    })
+    .unwrap();
+    assert_eq!(names, ["a.csv.gz", "b.json", "LOG1.TXT/flight 1", "LOG1.TXT/flight 2", "day.zip/flight.csv"]);
+}
+
 #[test]
 fn an_archive_with_another_number_of_logs_is_rejected_with_the_names() {
     let table = encode_csv(&two_compass_recording(&[]));

@@ -6,7 +6,7 @@ mod sensors;
 use std::collections::HashMap;
 use std::io::{self, Read};
 
-use row_layout::{RowColumn, RowColumns, ScalarType, TopicRow, parse_keyed_value};
+use row_layout::{RowColumn, RowColumns, TopicRow, parse_keyed_value, scalar_type};
 use sensors::CompassAssignment;
 
 use super::dataflash::quaternion_to_euler_rad;
@@ -75,6 +75,19 @@ pub fn read_ulog(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     Ok(log.finish_flight())
 }
 
+/// Whether the log has its definitions among the first bytes, although their start is damaged.
+pub fn has_definitions(first_bytes: &[u8]) -> bool {
+    const COLUMN: &[u8] = b"uint64_t timestamp;";
+    first_bytes.windows(COLUMN.len()).any(|window| window == COLUMN)
+}
+
+/// Whether these are messages without definitions.
+pub fn is_without_start(first_bytes: &[u8]) -> bool {
+    const SEARCHED_BYTES: usize = 4096;
+    let sequences = first_bytes.windows(RESYNC_MESSAGES * (HEADER_LENGTH + MAX_RESYNC_LENGTH));
+    sequences.take(SEARCHED_BYTES).any(is_header_sequence)
+}
+
 /// Number of messages that must follow one another before reading resumes after damage: one byte in twenty of noise
 /// looks like a message header, with a mean length of 32 KB.
 const RESYNC_MESSAGES: usize = 3;
@@ -140,8 +153,7 @@ impl UlogReader {
             b'I' => self.read_information(body),
             b'P' => {
                 if let Some((type_name, name, value)) = parse_keyed_value(body)
-                    && let Some(value) =
-                        ScalarType::from_name(type_name).and_then(|scalar_type| scalar_type.decode_number(value))
+                    && let Some(value) = scalar_type(type_name).and_then(|scalar_type| scalar_type.decode_number(value))
                 {
                     self.builder.set_parameter(name, value);
                 }
@@ -199,7 +211,7 @@ impl UlogReader {
             if array_length > MAX_PEEK_BYTES || *byte_offset > MAX_PEEK_BYTES || columns.len() > 1024 {
                 return None;
             }
-            if let Some(scalar_type) = ScalarType::from_name(type_name) {
+            if let Some(scalar_type) = scalar_type(type_name) {
                 columns.insert(
                     format!("{prefix}{column}"),
                     RowColumn { scalar_type, byte_offset: *byte_offset, array_len: array_length },

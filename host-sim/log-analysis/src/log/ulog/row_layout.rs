@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use crate::log::scalar::ScalarType;
+
 #[derive(Clone, Copy)]
 pub(super) struct RowColumn {
     pub scalar_type: ScalarType,
@@ -9,62 +11,21 @@ pub(super) struct RowColumn {
     pub array_len: usize,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum ScalarType {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl ScalarType {
-    pub fn from_name(name: &str) -> Option<Self> {
-        Some(match name {
-            "int8_t" => Self::I8,
-            "uint8_t" | "bool" | "char" => Self::U8,
-            "int16_t" => Self::I16,
-            "uint16_t" => Self::U16,
-            "int32_t" => Self::I32,
-            "uint32_t" => Self::U32,
-            "int64_t" => Self::I64,
-            "uint64_t" => Self::U64,
-            "float" => Self::F32,
-            "double" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    pub const fn byte_len(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    pub fn decode_number(self, bytes: &[u8]) -> Option<f64> {
-        let b = bytes.get(..self.byte_len())?;
-        Some(match (self, b) {
-            (Self::I8, &[a]) => f64::from(a.cast_signed()),
-            (Self::U8, &[a]) => f64::from(a),
-            (Self::I16, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
-            (Self::U16, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
-            (Self::I32, &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
-            (Self::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
-            (Self::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
-            (Self::I64, &[a, b, c, d, e, f, g, h]) => i64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
-            (Self::U64, &[a, b, c, d, e, f, g, h]) => u64::from_le_bytes([a, b, c, d, e, f, g, h]) as f64,
-            (Self::F64, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
-            _ => return None,
-        })
-    }
+/// Type of a number by its name; `None` of a nested format.
+pub(super) fn scalar_type(name: &str) -> Option<ScalarType> {
+    Some(match name {
+        "int8_t" => ScalarType::Signed(1),
+        "uint8_t" | "bool" | "char" => ScalarType::Unsigned(1),
+        "int16_t" => ScalarType::Signed(2),
+        "uint16_t" => ScalarType::Unsigned(2),
+        "int32_t" => ScalarType::Signed(4),
+        "uint32_t" => ScalarType::Unsigned(4),
+        "int64_t" => ScalarType::Signed(8),
+        "uint64_t" => ScalarType::Unsigned(8),
+        "float" => ScalarType::Float(4),
+        "double" => ScalarType::Float(8),
+        _ => return None,
+    })
 }
 
 pub(super) type RowColumns = HashMap<String, RowColumn>;
@@ -122,7 +83,7 @@ mod tests {
             ("int64_t", -1.0),
         ] {
             assert_eq!(
-                ScalarType::from_name(type_name).and_then(|type_name| type_name.decode_number(&[0xFF; 8])),
+                scalar_type(type_name).and_then(|type_name| type_name.decode_number(&[0xFF; 8])),
                 Some(expected),
                 "{type_name}"
             );
@@ -132,7 +93,7 @@ mod tests {
     /// More bytes follow the array.
     #[test]
     fn an_array_has_its_declared_length() {
-        let column = RowColumn { scalar_type: ScalarType::F32, byte_offset: 0, array_len: 2 };
+        let column = RowColumn { scalar_type: ScalarType::Float(4), byte_offset: 0, array_len: 2 };
         let columns = RowColumns::from([("q".to_owned(), column)]);
         let row = TopicRow { columns: &columns, row_bytes: &[0; 64] };
         assert_eq!((row.array_values::<2>("q"), row.array_values::<3>("q")), (Some([0.0; 2]), None));

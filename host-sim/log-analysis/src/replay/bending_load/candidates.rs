@@ -17,12 +17,12 @@ const MAX_PAIRED_MOTORS: usize = 8;
 
 /// A load, or several together, at the rows.
 pub(super) struct LoadCandidate {
-    /// Name of the load.
-    pub name: String,
     /// Sources of the load.
     pub sources: Vec<LoadSource>,
     /// Sum of the currents, amperes, or mean of the commands.
     pub values: Vec<f64>,
+    /// All loads of its kind, such as all motors; none if there is no other.
+    pub family: Vec<LoadSource>,
 }
 
 impl LoadCandidate {
@@ -63,7 +63,8 @@ pub(super) fn load_candidates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Vec<
             let divisor = if sources.iter().all(|source| source.is_current()) { 1.0 } else { members.len() as f64 };
             let values =
                 (0..rows.len()).map(|i| members.iter().map(|values| values[i]).sum::<f64>() / divisor).collect();
-            LoadCandidate { name: load_name(flight, &sources), sources, values }
+            let family = families.iter().find(|family| family.len() > 1 && family.contains(&sources[0]));
+            LoadCandidate { sources, values, family: family.cloned().unwrap_or_default() }
         })
         .collect()
 }
@@ -112,7 +113,7 @@ fn place(flight: &LoggedFlight, source: LoadSource) -> Option<[f64; 2]> {
 }
 
 /// Name of loads of one kind: `right motors (outputs 1 and 4)`.
-fn load_name(flight: &LoggedFlight, sources: &[LoadSource]) -> String {
+pub(super) fn load_name(flight: &LoggedFlight, sources: &[LoadSource]) -> String {
     let places: Vec<_> = sources.iter().map(|source| place(flight, *source)).collect();
     let side = common_side(&places);
     let numbers: Vec<String> = sources.iter().map(|source| source.number().to_string()).collect();

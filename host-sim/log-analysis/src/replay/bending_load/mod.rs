@@ -15,13 +15,13 @@ pub use finding::{BendingCause, BendingLoad};
 
 use nalgebra::Vector3;
 
-use candidates::{LoadCandidate, load_candidates, motion_candidates};
+use candidates::{LoadCandidate, load_candidates, load_name, motion_candidates};
 use periodic::{corrected_sigmas, find_line};
 use regression::{LoadFit, ResidualModel};
 
 use super::hard_iron_changes::LoggedHardIronChange;
 use super::row::ReplayRow;
-use crate::log::{FieldCorrection, LoggedFlight};
+use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
 
 /// Largest number of rows of the regression; more are thinned.
 const MAX_ROWS: usize = 5000;
@@ -38,6 +38,9 @@ const MIN_EXPLAINED_FRACTION: f64 = 0.1;
 /// Largest squared correlation with a motion of the aircraft: a load that follows it as closely cannot be separated
 /// from it, as the current of a rover on slopes from its pitch.
 const MAX_MOTION_CORRELATION: f64 = 0.9;
+
+/// Least advantage of one motor, or of a pair, over the others and all together, standard deviations.
+const MIN_ADVANTAGE_SIGMAS: f64 = 3.0;
 
 /// Fits of a load after the first, each with the residuals clipped around the load of the one before.
 const REFINEMENTS: usize = 3;
@@ -63,8 +66,8 @@ pub fn find_bending_loads(
     logged.map(|(load, _)| load).into_iter().chain(periodic).collect()
 }
 
-/// A load, and the candidate that it is.
-type NamedLoad = (BendingLoad, LoadCandidate);
+/// A load, and the sources whose values its size is that of.
+type NamedLoad = (BendingLoad, Vec<LoadSource>);
 
 /// Model around a load with these values and this coefficient.
 type ModelAroundLoad<'a> = dyn Fn(&[f64], Vector3<f64>) -> Option<ResidualModel> + 'a;
@@ -78,7 +81,14 @@ fn find_logged_load(
     let candidates = load_candidates(flight, rows);
     let count = candidates.len() as f64;
     let fits = candidates.into_iter().filter_map(|candidate| Some((model.fit_load(&candidate.values)?, candidate)));
-    let (fit, candidate) = fits.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
+    let fits: Vec<(LoadFit, LoadCandidate)> = fits.collect();
+    let (fit, candidate) = fits.iter().max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
+    // Motors that work together cannot be told apart, unless one of them, or a pair, is clearly the best.
+    let mut rivals =
+        fits.iter().filter(|(_, other)| other.family == candidate.family && other.sources != candidate.sources);
+    let is_certain = rivals.all(|(other, _)| model.advantage_sigmas(fit, other) >= MIN_ADVANTAGE_SIGMAS);
+    let named = if is_certain || candidate.family.is_empty() { &candidate.sources } else { &candidate.family };
+    let (fit, sources) = (fit.clone(), named.clone());
     let motions = motion_candidates(rows);
     if motions.iter().any(|values| squared_correlation(values, &candidate.values) > MAX_MOTION_CORRELATION) {
         return None;
@@ -97,14 +107,14 @@ fn find_logged_load(
         heading_effect_deg: heading_effect_deg(fit.coefficient_ut * reference, model.horizontal_ut),
         sigmas: corrected_sigmas(fit.sigmas, count),
         cause: BendingCause::Logged {
-            name: candidate.name.clone(),
-            sources: candidate.sources.clone(),
+            name: load_name(flight, &sources),
+            sources,
             at_current_a: candidate.sources.iter().all(|source| source.is_current()).then_some(reference),
         },
     };
     let is_cause =
         is_named(&load) && explained_fraction(&model, &fit) > explained_by_motion && holds_in_halves(&model, &fit);
-    is_cause.then_some((load, candidate))
+    is_cause.then(|| (load, candidate.sources.clone()))
 }
 
 fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
@@ -147,9 +157,9 @@ fn find_periodic_load(
     rows: &[ReplayRow],
     logged: Option<&NamedLoad>,
 ) -> Option<BendingLoad> {
-    let left = logged.and_then(|(_, candidate)| {
+    let left = logged.and_then(|(_, sources)| {
         let candidates = load_candidates(flight, rows);
-        let same = candidates.into_iter().find(|other| other.sources == candidate.sources)?;
+        let same = candidates.into_iter().find(|other| other.sources == *sources)?;
         Some(model.fit_load(&same.values)?.residuals)
     });
     let residuals = left.as_ref().unwrap_or(&model.residuals);

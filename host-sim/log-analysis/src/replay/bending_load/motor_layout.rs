@@ -24,8 +24,8 @@ pub(super) fn output_role(flight: &LoggedFlight, output: u8) -> OutputRole {
     };
     match function {
         Some(role) => role,
-        // Without parameters: the first outputs of a copter are its motors.
-        None if flight.is_copter => OutputRole::Motor(output),
+        // Without parameters: the first four outputs of a copter are motors; further ones may be a gimbal's.
+        None if flight.is_copter && output <= 4 => OutputRole::Motor(output),
         None => OutputRole::Unknown,
     }
 }

@@ -154,6 +154,16 @@ impl ResidualModel {
         Some(normal_deviate(wald / 3.0 * free / (count - 1.0), 3.0, free))
     }
 
+    /// Standard deviations by which a fit is better than another, by the blocks' differences of squared residuals (Q. H.
+    /// Vuong, Econometrica 57, 1989).
+    pub fn advantage_sigmas(&self, fit: &LoadFit, other: &LoadFit) -> f64 {
+        let mut gains = vec![0.0; self.blocks.last().map_or(0, |last| last + 1)];
+        for (i, (residual, by_other)) in fit.residuals.iter().zip(&other.residuals).enumerate() {
+            gains[self.blocks[i / 2]] += square(*by_other) - square(*residual);
+        }
+        gains.iter().sum::<f64>() / gains.iter().copied().map(square).sum::<f64>().sqrt()
+    }
+
     /// Reduction of the squared residuals in each half by the coefficients of the other.
     fn reductions_of_halves(&self, columns: &DMatrix<f64>) -> Option<[f64; 2]> {
         let rows_of =

@@ -60,6 +60,28 @@ fn the_output_that_bends_the_field_is_named_with_its_size() {
     assert!((load.size_ut - 5.0).abs() < 0.5 && (load.heading_effect_deg - 9.0).abs() < 1.5, "{load}");
 }
 
+/// The field follows the right motors of an X frame. They are named if the motors work differently; where all do nearly the
+/// same, they cannot be told apart.
+#[test]
+fn a_pair_of_motors_is_named_if_it_is_clearly_the_best() {
+    for (difference, name) in [(0.1, "right motors (outputs 1 and 4): "), (0.004, "motors (outputs 1, 2, 3 and 4): ")] {
+        let mut recording = TURNS.clone();
+        let mut random = testkit::random::Random(7);
+        for sample in &mut recording.samples {
+            let common = sample.outputs[3];
+            sample.outputs = (0..4).map(|_| common + difference * f64::from(random.normal())).collect();
+            sample.field_ut[0][0] += 8.0 * (sample.outputs[0] + sample.outputs[3]);
+        }
+        let motors = [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0), ("SERVO1_FUNCTION", 33.0), ("SERVO2_FUNCTION", 34.0)];
+        let motors =
+            motors.into_iter().chain([("SERVO3_FUNCTION", 35.0), ("SERVO4_FUNCTION", 36.0), ("COMPASS_OFS_X", 0.0)]);
+        recording.parameters = motors.map(|(name, value)| (name.to_owned(), value)).collect();
+        let loads = loads_of(&encode_dataflash(&recording));
+        let [load] = loads.as_slice() else { panic!("{loads:?}") };
+        assert!(load.to_string().starts_with(name), "{load}");
+    }
+}
+
 /// Both right motors of an X frame, and an output without a role.
 #[test]
 fn motors_are_named_by_their_side() {
@@ -71,7 +93,8 @@ fn motors_are_named_by_their_side() {
         flight.parameters.set_value(0.0, &format!("SERVO{output}_FUNCTION"), 32.0 + motor);
     }
     let (rows, _) = build_rows(&flight, &flight.compasses[0], 0.0, None);
-    let names: Vec<String> = load_candidates(&flight, &rows).into_iter().map(|candidate| candidate.name).collect();
+    let names: Vec<String> =
+        load_candidates(&flight, &rows).iter().map(|candidate| load_name(&flight, &candidate.sources)).collect();
     for name in ["right motors (outputs 1 and 4)", "left motor (output 3)"] {
         assert!(names.iter().any(|found| found == name), "{name}: {names:?}");
     }

@@ -86,7 +86,7 @@ pub enum LogWarning {
     LateHeading(HeadingLatency),
     /// The current is negative throughout.
     NegatedCurrent,
-    /// The autopilot's own attitude is the VTOL view; the message that replaces it.
+    /// The autopilot's own attitude is the VTOL view; what replaces it.
     VtolView(&'static str),
     /// Correction parameters that are not logged.
     MissingParameters(Vec<String>),
@@ -172,8 +172,10 @@ impl LogWarning {
         add_if(flight.is_current_negated, Self::NegatedCurrent);
         warnings.extend(flight.heading_latencies.iter().copied().map(Self::LateHeading));
         let mut add_if = |applies: bool, warning: Self| warnings.extend(applies.then_some(warning));
-        if let AttitudeView::BodyForVtol(message) = flight.attitude_view {
-            add_if(true, Self::VtolView(message));
+        match flight.attitude_view {
+            AttitudeView::BodyForVtol(message) => add_if(true, Self::VtolView(message)),
+            AttitudeView::BodyByModes => add_if(true, Self::VtolView("the body by flight modes and trims")),
+            AttitudeView::Body | AttitudeView::Vtol(_) => {}
         }
         let missing: Vec<String> =
             compasses.iter().flat_map(|compass| missing_ardupilot_parameters(flight, compass.compass_number)).collect();
@@ -312,7 +314,7 @@ impl fmt::Display for LogWarning {
             Self::NegatedCurrent => f.write_str("the current is negative throughout; its size is used"),
             Self::VtolView(message) => write!(
                 f,
-                "the attitude is that of {message}: ATT is the view of the VTOL modes, which is not that of the body in hover",
+                "the attitude is that of {message}: the autopilot's is the view of the VTOL modes, not that of the body in hover",
             ),
             Self::MissingParameters(names) => {
                 write!(f, "parameters that are not in the log, assumed unset: {}", names.join(", "))

@@ -2,6 +2,7 @@ use super::*;
 use crate::log::ParameterHistory;
 use crate::log::time_series::Series;
 use crate::replay::field_latency::FieldLatency;
+use crate::replay::parameter_export::CorrectedTerms;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
 
 type FlightChange = fn(&mut LoggedFlight);
@@ -20,6 +21,7 @@ fn warnings_after(change: FlightChange) -> Vec<String> {
         reference: None,
         earth_field: None,
         given_inclination_deg: None,
+        corrected_terms: CorrectedTerms::All,
         attitude_interval_s: 0.1,
     };
     LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()

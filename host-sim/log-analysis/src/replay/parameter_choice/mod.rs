@@ -14,7 +14,7 @@ use super::evaluation::CompassEvaluation;
 use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 use super::parameter_export::orientation::{FixedOrientation, OrientationParameters, TurnedSensor};
 use super::parameter_export::{
-    ExportInputs, ExportedCorrection, HeldBackScore, ParameterFormat, field_by_exported_parameters,
+    CorrectedTerms, ExportInputs, ExportedCorrection, HeldBackScore, ParameterFormat, field_by_exported_parameters,
     may_compensate_current,
 };
 use super::parameter_fit::{CompassFit, half_index_at};
@@ -108,7 +108,7 @@ pub enum ResidualDependence {
 }
 
 /// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows, `orientation`
-/// the orientation parameters that a file may change.
+/// the orientation parameters that a file may change, `terms` what a file corrects if all terms together make it useful.
 ///
 /// # Errors
 ///
@@ -120,6 +120,7 @@ pub fn choose_parameters(
     total_ut: Option<f64>,
     format: ParameterFormat,
     orientation: Result<OrientationParameters, FixedOrientation>,
+    terms: CorrectedTerms,
 ) -> Result<ExportedCorrection, NoParameters> {
     let parameter_fit = &evaluation.parameter_fit;
     let rows: Vec<ReplayRow> = parameter_fit.fitted_rows(&evaluation.rows).copied().collect();
@@ -129,21 +130,36 @@ pub fn choose_parameters(
     let sigma_deg = reference.and_then(ReferenceHeading::sigma_if_accurate_deg);
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
-    let inputs = ExportInputs { compass_number: evaluation.compass_number, rows: &rows, total_ut, format, orientation };
+    let compass_number = evaluation.compass_number;
+    let inputs =
+        ExportInputs { compass_number, rows: &rows, total_ut, format, orientation, terms: CorrectedTerms::All };
     let fit = parameter_fit.fit.as_ref().ok_or(NoParameters::Unsolved)?;
     let without_current = (fit.has_motor_current()
         && !may_compensate_current(flight, evaluation.compass_number, format))
     .then(|| fit.without_current(&rows).ok_or(NoParameters::Unsolved));
     let fit = without_current.transpose()?.unwrap_or_else(|| fit.clone());
     check_certainty(flight, &fit.solution)?;
-    let candidate =
-        ParameterCandidate::new(flight, &inputs, &fit, sigma_deg.is_some()).ok_or(NoParameters::Unsolved)?;
+    let halves = fit.fits_of_halves(&rows);
+    let candidate_with = |inputs: &ExportInputs<'_>| {
+        ParameterCandidate::new(flight, inputs, &fit, &halves, sigma_deg.is_some()).ok_or(NoParameters::Unsolved)
+    };
+    let mut candidate = candidate_with(&inputs)?;
     candidate.check_usefulness(sigma_deg)?;
+    let fewer_terms = if terms == CorrectedTerms::All { CorrectedTerms::Offsets } else { terms };
+    let by_offsets = candidate_with(&ExportInputs { terms: fewer_terms, ..inputs })?;
+    let rms_by_terms_deg = [&candidate, &by_offsets].map(|of| of.held_back.rms_deg);
+    if terms != CorrectedTerms::All {
+        candidate = by_offsets;
+        if !candidate.is_improvement() {
+            return Err(NoParameters::NoGain(candidate.held_back));
+        }
+    }
     let ParameterCandidate { mut exported, held_back, turned, .. } = candidate;
     if let Some(limit_mg) = exported.offset_limit_mg_if_exceeded(flight, format) {
         return Err(NoParameters::OffsetsTooLarge { offset_mg: exported.largest_offset_mg(), limit_mg });
     }
     exported.held_back_score = Some(held_back);
+    exported.rms_by_terms_deg = Some(rms_by_terms_deg);
     exported.fitted_range_s = parameter_fit.fitted_range_s;
     exported.warnings.extend(turned.map(|turned| turned.to_string()));
     Ok(exported)
@@ -160,11 +176,16 @@ struct ParameterCandidate {
 
 impl ParameterCandidate {
     /// Exports a fit, and scores its halves with an orientation of the same kind.
-    fn new(flight: &LoggedFlight, inputs: &ExportInputs<'_>, fit: &CompassFit, has_reference: bool) -> Option<Self> {
+    fn new(
+        flight: &LoggedFlight,
+        inputs: &ExportInputs<'_>,
+        fit: &CompassFit,
+        halves: &[Option<Solution>; 2],
+        has_reference: bool,
+    ) -> Option<Self> {
         let solution = fit.solution;
         let (kind, exported) = inputs.export_simplest(&solution.calibration)?;
-        let [first, second] = fit.fits_of_halves(inputs.rows);
-        let halves = [&first?, &second?];
+        let halves = [halves[0].as_ref()?, halves[1].as_ref()?];
         let [Some(first), Some(second)] = halves.map(|half| inputs.export_correction(&half.calibration, kind)) else {
             return None;
         };
@@ -190,15 +211,19 @@ impl ParameterCandidate {
         turned.map_or(accuracy, |turned| Err(NoParameters::Turned(turned.clone())))
     }
 
-    fn check_accuracy(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
+    /// Whether the error is smaller than that as logged by enough to be worth loading.
+    fn is_improvement(&self) -> bool {
         let HeldBackScore { rms_deg, as_logged_rms_deg, .. } = self.held_back;
+        as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg
+    }
+
+    fn check_accuracy(&self, reference_sigma_deg: Option<f64>) -> Result<(), NoParameters> {
+        let rms_deg = self.held_back.rms_deg;
         let unexplained_deg = (square(rms_deg) - square(self.exported.heading_loss_deg[0])).max(0.0).sqrt();
-        let is_improvement =
-            as_logged_rms_deg - rms_deg >= MIN_GAIN_DEG && rms_deg <= (1.0 - MIN_RELATIVE_GAIN) * as_logged_rms_deg;
         let weak_field = weak_horizontal_field(&self.solution.calibration);
         if let Some(weak_field) = weak_field.filter(|_| rms_deg > GOOD_COMPASS_RMS_DEG) {
             Err(weak_field)
-        } else if !is_improvement {
+        } else if !self.is_improvement() {
             Err(NoParameters::NoGain(self.held_back))
         } else if rms_deg > GOOD_COMPASS_RMS_DEG
             && (rms_deg > BAD_COMPASS_RMS_DEG || unexplained_deg > GOOD_COMPASS_RMS_DEG)

@@ -160,6 +160,7 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
             total_ut: None,
             format: ParameterFormat::ArduPilot,
             orientation: Err(FixedOrientation::NotLogged),
+            terms: CorrectedTerms::All,
         };
         score_held_back(&flight, &inputs, &halves, &corrections, has_reference).unwrap()
     };
@@ -180,15 +181,47 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
 }
 
 fn choose(flight: &LoggedFlight, evaluation: &CompassEvaluation) -> Result<ExportedCorrection, NoParameters> {
-    let orientation = Err(FixedOrientation::NotLogged);
-    choose_parameters(
-        flight,
-        evaluation,
-        Some(&ReferenceHeading::Simulator),
-        None,
-        ParameterFormat::ArduPilot,
-        orientation,
-    )
+    choose_terms(flight, evaluation, CorrectedTerms::All)
+}
+
+fn choose_terms(
+    flight: &LoggedFlight,
+    evaluation: &CompassEvaluation,
+    terms: CorrectedTerms,
+) -> Result<ExportedCorrection, NoParameters> {
+    let (reference, orientation) = (Some(&ReferenceHeading::Simulator), Err(FixedOrientation::NotLogged));
+    choose_parameters(flight, evaluation, reference, None, ParameterFormat::ArduPilot, orientation, terms)
+}
+
+/// The errors of all choices are those of the files. Offsets alone leave the soft iron, and a strong field as it is, which the
+/// scale corrects.
+#[test]
+fn a_file_corrects_the_chosen_terms() {
+    let (flight, mut evaluation) = compass_of_flown_turns();
+    let motor = &mut evaluation.parameter_fit.fit.as_mut().unwrap().solution.calibration.motor_current;
+    (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = ([0.02, 0.0, 0.0], 0.001, 20.0);
+    let exported = [CorrectedTerms::All, CorrectedTerms::Offsets, CorrectedTerms::Scale]
+        .map(|terms| choose_terms(&flight, &evaluation, terms).unwrap());
+    let [all_deg, offsets_deg, scale_deg] = exported.each_ref().map(|of| of.held_back_score.unwrap().rms_deg);
+    assert!(all_deg < 1.0 && offsets_deg > all_deg + 0.5 && offsets_deg < 10.0, "{all_deg} {offsets_deg}");
+    assert!((scale_deg - offsets_deg).abs() < 0.01, "{scale_deg} {offsets_deg}");
+    assert_eq!(exported.each_ref().map(|of| of.rms_by_terms_deg.unwrap()[0].to_bits()), [all_deg.to_bits(); 3]);
+    assert_eq!(exported[0].rms_by_terms_deg, exported[1].rms_by_terms_deg);
+    let [all, offsets, scale] = exported.each_ref().map(|of| &of.correction);
+    assert!(all.motor_ut_per_a.x > 0.0 && offsets.motor_ut_per_a.norm() + scale.motor_ut_per_a.norm() == 0.0);
+    assert_eq!(offsets.matrix, Matrix3::identity());
+    let factor = scale.matrix[(0, 0)];
+    assert!((factor - all.matrix.trace() / 3.0).abs() < 0.05 && (factor - 1.0).abs() > 0.001, "{factor}");
+    assert_eq!(scale.matrix, Matrix3::identity() * factor);
+    let used = exported[1].clone();
+    evaluation.rows.iter_mut().for_each(|row| {
+        row.logged_field = Field::new(
+            (used.correction.matrix * (row.raw_field.ut.map(f64::from) - used.correction.hard_iron_ut))
+                .map(|axis| axis as f32),
+        );
+    });
+    let refusal = choose_terms(&flight, &evaluation, CorrectedTerms::Offsets).unwrap_err();
+    assert_eq!(refusal.stable_code(), "no-gain", "{refusal}");
 }
 
 /// A sensor turned by right angles is fitted in that mounting, both halves too, and as well as an aligned one.
@@ -209,8 +242,9 @@ fn a_sensor_turned_by_right_angles_is_fitted_in_its_mounting() {
             total_ut: None,
             format: ParameterFormat::Inav,
             orientation: Err(FixedOrientation::NotLogged),
+            terms: CorrectedTerms::All,
         };
-        let candidate = ParameterCandidate::new(&flight, &inputs, &fit, true).unwrap();
+        let candidate = ParameterCandidate::new(&flight, &inputs, &fit, &fit.fits_of_halves(&rows), true).unwrap();
         // INAV's matrix is diagonal.
         let rms_deg = candidate.held_back.rms_deg;
         assert!((rms_deg - aligned.rms_deg).abs() < 0.3, "{}: {rms_deg}", mount.orientation_name());

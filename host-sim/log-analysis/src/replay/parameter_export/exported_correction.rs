@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::orientation::ExportedOrientation;
 use super::parameter_format::ParameterFormat;
 use crate::log::{FieldCorrection, LoggedFlight};
+use crate::numbers::format_number;
 
 /// Heading error of parameters on held-back rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +37,9 @@ pub struct ExportedCorrection {
     pub fitted_range_s: Option<[f64; 2]>,
     /// Heading error on held-back rows.
     pub held_back_score: Option<HeldBackScore>,
+    /// Heading errors on held-back rows with all terms, and with offsets alone, which one scale of all axes does not change,
+    /// degrees RMS less mean.
+    pub rms_by_terms_deg: Option<[f64; 2]>,
     /// Warnings: interference that parameters cannot express, and values that the autopilot would reject.
     pub warnings: Vec<String>,
 }
@@ -54,6 +58,13 @@ impl ExportedCorrection {
     /// Heading difference to the full solution, degrees RMS with its mean.
     pub(in crate::replay) fn total_loss_deg(&self) -> f64 {
         libm::hypot(self.heading_loss_deg[0], self.heading_loss_deg[1])
+    }
+
+    /// The heading errors by the terms that a file has, a clause.
+    #[must_use]
+    pub fn rms_by_terms_text(&self) -> Option<String> {
+        let [all, offsets] = self.rms_by_terms_deg?.map(|rms_deg| format_number(rms_deg, 1));
+        Some(format!("{all} deg RMS with all terms, {offsets} with offsets alone or offsets and scale"))
     }
 
     /// Largest offset component of the exported correction, milligauss.

@@ -8,7 +8,7 @@ mod symmetric_fit;
 
 pub use exported_correction::{ExportedCorrection, HeldBackScore};
 pub use parameter_file::{format_parameter_file, may_compensate_current, parse_parameter_file};
-pub use parameter_format::ParameterFormat;
+pub use parameter_format::{CorrectedTerms, ParameterFormat};
 
 use autoswing::calibration::Calibration;
 use nalgebra::{Matrix3, SVD, Vector3};
@@ -34,13 +34,19 @@ pub(super) struct ExportInputs<'a> {
     pub total_ut: Option<f64>,
     pub format: ParameterFormat,
     pub orientation: Result<OrientationParameters, FixedOrientation>,
+    pub terms: CorrectedTerms,
 }
 
 impl ExportInputs<'_> {
     /// Exports a calibration with the simplest orientation that loses little, else with that which loses least.
     pub fn export_simplest(&self, calibration: &Calibration) -> Option<(OrientationKind, ExportedCorrection)> {
         let mut best: Option<(OrientationKind, ExportedCorrection)> = None;
-        for kind in OrientationKind::ALL_KINDS {
+        let kinds = if self.terms == CorrectedTerms::All {
+            &OrientationKind::ALL_KINDS[..]
+        } else {
+            &[OrientationKind::Unchanged]
+        };
+        for &kind in kinds {
             let Some(export) = self.export_correction(calibration, kind) else { continue };
             if best.as_ref().is_none_or(|(_, best)| export.total_loss_deg() < best.total_loss_deg()) {
                 best = Some((kind, export));
@@ -59,7 +65,8 @@ impl ExportInputs<'_> {
         kind: OrientationKind,
         export: &ExportedCorrection,
     ) -> Option<TurnedSensor> {
-        if export.total_loss_deg() <= MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG || kind == OrientationKind::Custom {
+        let is_small = export.total_loss_deg() <= MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG;
+        if is_small || kind == OrientationKind::Custom || self.terms != CorrectedTerms::All {
             return None;
         }
         let reason = self.orientation.and_then(|parameters| parameters.custom_rotation()).err()?;
@@ -69,7 +76,7 @@ impl ExportInputs<'_> {
 
     /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it.
     pub fn export_correction(&self, calibration: &Calibration, kind: OrientationKind) -> Option<ExportedCorrection> {
-        let Self { compass_number, rows, total_ut, format, .. } = *self;
+        let Self { compass_number, rows, total_ut, format, terms, .. } = *self;
         let correction_matrix = calibration.w_matrix().map(f64::from);
         let hard_iron_ut = calibration.b_vector_ut().map(f64::from);
         let (rotation, symmetric) = polar_decomposition(&correction_matrix)?;
@@ -80,24 +87,27 @@ impl ExportInputs<'_> {
         let motor_ut_per_a = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
         let full_correction = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
         // INAV has no current compensation; the mean interference goes into the offsets.
-        let is_inav = format == ParameterFormat::Inav;
-        let offset_current_a = if is_inav { f64::from(calibration.motor_current.mean_current_a) } else { 0.0 };
+        let is_compensated = format != ParameterFormat::Inav && terms == CorrectedTerms::All;
+        let offset_current_a = if is_compensated { 0.0 } else { f64::from(calibration.motor_current.mean_current_a) };
+        let matrix = mounting * symmetric * mounting.transpose() * scale;
+        let unknown_count = terms.unknown_count(format);
         let initial_correction = FieldCorrection {
-            matrix: mounting * symmetric * mounting.transpose() * scale,
+            matrix: match unknown_count {
+                3 => Matrix3::identity() * (matrix.trace() / 3.0),
+                6 => Matrix3::from_diagonal(&matrix.diagonal()),
+                _ => matrix,
+            },
             hard_iron_ut: mounting * (hard_iron_ut + motor_ut_per_a * offset_current_a),
-            motor_ut_per_a: if is_inav { Vector3::zeros() } else { mounting * motor_ut_per_a },
+            motor_ut_per_a: if is_compensated { mounting * motor_ut_per_a } else { Vector3::zeros() },
         };
-        let symmetric_fit = SymmetricFit {
-            rows,
-            rotated_rows: &rotated_rows,
-            mounting,
-            calibration,
-            full_correction,
-            is_diagonal: is_inav,
-        };
+        let symmetric_fit =
+            SymmetricFit { rows, rotated_rows: &rotated_rows, mounting, calibration, full_correction, unknown_count };
         let nearest = symmetric_fit.nearest_correction(initial_correction);
         // A half turn is a symmetric matrix, too, but not a positive one, which corrects no field.
-        let correction = if nearest.matrix.cholesky().is_some() { nearest } else { initial_correction };
+        let mut correction = if nearest.matrix.cholesky().is_some() { nearest } else { initial_correction };
+        if terms == CorrectedTerms::Offsets {
+            correction.matrix = Matrix3::identity();
+        }
         Some(ExportedCorrection {
             compass_number,
             correction,
@@ -105,6 +115,7 @@ impl ExportInputs<'_> {
             heading_loss_deg: heading_loss_deg_of(rows, &rotated_rows, &full_correction, &correction),
             fitted_range_s: None,
             held_back_score: None,
+            rms_by_terms_deg: None,
             warnings: warnings(calibration, &orientation, format),
         })
     }

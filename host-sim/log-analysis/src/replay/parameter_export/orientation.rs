@@ -139,7 +139,7 @@ impl OrientationParameters {
         let is_px4 = match (flight.autopilot, format) {
             (AutopilotKind::ArduPilot, ParameterFormat::ArduPilot) => false,
             (AutopilotKind::Px4, ParameterFormat::Px4) => true,
-            (AutopilotKind::Unknown, _) => return Err(FixedOrientation::NotLogged),
+            (AutopilotKind::Inav | AutopilotKind::Unknown, _) => return Err(FixedOrientation::NotLogged),
             _ => return Err(FixedOrientation::OtherAutopilot),
         };
         let parameters = &flight.parameters;

@@ -1,5 +1,7 @@
 //! Format of a parameter file.
 
+use serde::Deserialize;
+
 use crate::log::AutopilotKind;
 
 /// Format of a parameter file.
@@ -19,6 +21,7 @@ impl ParameterFormat {
     pub const fn for_autopilot(autopilot: AutopilotKind) -> Self {
         match autopilot {
             AutopilotKind::Px4 => Self::Px4,
+            AutopilotKind::Inav => Self::Inav,
             AutopilotKind::ArduPilot | AutopilotKind::Unknown => Self::ArduPilot,
         }
     }
@@ -31,6 +34,40 @@ impl ParameterFormat {
             // The extension of QGroundControl's files.
             Self::Px4 => "compass.params",
             Self::Inav => "compass.txt",
+        }
+    }
+}
+
+/// Terms of the correction that a file has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CorrectedTerms {
+    /// Offsets alone.
+    Offsets,
+    /// Offsets, and one scale of all axes, which bends no heading.
+    Scale,
+    /// Offsets, matrix, motor current and orientation.
+    #[default]
+    All,
+}
+
+impl CorrectedTerms {
+    /// Name of the terms as an option.
+    #[must_use]
+    pub const fn option_name(self) -> &'static str {
+        match self {
+            Self::Offsets => "offsets",
+            Self::Scale => "scale",
+            Self::All => "all",
+        }
+    }
+
+    /// Number of offsets, then diagonal, then further elements of the matrix that are fitted in a format.
+    pub(super) const fn unknown_count(self, format: ParameterFormat) -> usize {
+        match (self, format) {
+            (Self::Offsets | Self::Scale, _) => 3,
+            (Self::All, ParameterFormat::Inav) => 6,
+            (Self::All, _) => 9,
         }
     }
 }

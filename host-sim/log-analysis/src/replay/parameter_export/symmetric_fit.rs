@@ -43,8 +43,8 @@ pub struct SymmetricFit<'a> {
     pub calibration: &'a Calibration,
     /// The correction by all coefficients of the calibration, which a symmetric matrix cannot express.
     pub full_correction: FieldCorrection,
-    /// Whether the matrix is diagonal.
-    pub is_diagonal: bool,
+    /// Number of unknowns: offsets, diagonal, further elements of the matrix; the others are as in the initial correction.
+    pub unknown_count: usize,
 }
 
 impl SymmetricFit<'_> {
@@ -52,17 +52,15 @@ impl SymmetricFit<'_> {
     /// by Gauss-Newton with step halving from `initial`. Keeps the field strength.
     pub fn nearest_correction(&self, initial: FieldCorrection) -> FieldCorrection {
         let fitted = self.fitted_rows();
-        let unknown_count = if self.is_diagonal { 6 } else { 9 };
+        let unknown_count = self.unknown_count;
+        let initial_parts = correction_parts(&initial);
         let built = |p: &DVector<f64>| {
-            let off_diagonal_entries = if self.is_diagonal { Vector3::zeros() } else { Vector3::new(p[6], p[7], p[8]) };
-            let matrix = symmetric_matrix(&Vector3::new(p[0], p[1], p[2]), &off_diagonal_entries);
-            FieldCorrection { matrix, hard_iron_ut: Vector3::new(p[3], p[4], p[5]), ..initial }
+            let [hard_iron_ut, diagonal, off_diagonal] = std::array::from_fn(|part| {
+                Vector3::from_fn(|axis, _| p.get(3 * part + axis).copied().unwrap_or(initial_parts[part][axis]))
+            });
+            FieldCorrection { matrix: symmetric_matrix(&diagonal, &off_diagonal), hard_iron_ut, ..initial }
         };
-        let [centre, diagonal, off_diagonal_entries] = correction_parts(&initial);
-        let start = DVector::from_iterator(
-            unknown_count,
-            diagonal.iter().chain(centre.iter()).chain(off_diagonal_entries.iter()).copied().take(unknown_count),
-        );
+        let start = DVector::from_iterator(unknown_count, initial_parts.iter().flatten().copied().take(unknown_count));
         let residuals = |p: &DVector<f64>| {
             let correction = built(p);
             let residual = |fitted: &FittedRow| {
@@ -75,7 +73,7 @@ impl SymmetricFit<'_> {
             let from = residuals(&best_correction.0);
             let mut jacobian = DMatrix::zeros(fitted.len(), unknown_count);
             for i in 0..unknown_count {
-                let step = if (3..6).contains(&i) { 0.01 } else { 1e-4 };
+                let step = if i < 3 { 0.01 } else { 1e-4 };
                 let mut stepped = best_correction.0.clone();
                 stepped[i] += step;
                 jacobian.set_column(i, &((residuals(&stepped) - &from).map(wrap_180) / step));
@@ -83,7 +81,7 @@ impl SymmetricFit<'_> {
             let mut normal = jacobian.transpose() * &jacobian;
             let mut right_side = -(jacobian.transpose() * from);
             for i in 0..unknown_count {
-                let weight = square(REGULARISATION_SIGMAS[usize::from((3..6).contains(&i))]).recip();
+                let weight = square(REGULARISATION_SIGMAS[usize::from(i < 3)]).recip();
                 normal[(i, i)] += weight;
                 right_side[i] += weight * (start[i] - best_correction.0[i]);
             }
@@ -197,9 +195,11 @@ mod tests {
         let mut calibration = compass.parameter_fit.solution().unwrap().calibration;
         calibration.motor_current.mean_current_a = 12.0;
         let mounting = *Rotation3::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2).matrix();
-        for (is_diagonal, off_diagonal_entries) in [(false, [0.04, -0.03, 0.06]), (true, [0.0; 3])] {
+        for (unknown_count, diagonal, off_diagonal_entries) in
+            [(9, [1.08, 0.93, 1.02], [0.04, -0.03, 0.06]), (6, [1.08, 0.93, 1.02], [0.0; 3]), (3, [1.0; 3], [0.0; 3])]
+        {
             let autopilot = FieldCorrection {
-                matrix: symmetric_matrix(&Vector3::new(1.08, 0.93, 1.02), &off_diagonal_entries.into()),
+                matrix: symmetric_matrix(&diagonal.into(), &off_diagonal_entries.into()),
                 hard_iron_ut: Vector3::new(4.0, -6.0, 9.0),
                 motor_ut_per_a: Vector3::new(0.1, -0.2, 0.3),
             };
@@ -227,21 +227,21 @@ mod tests {
                 mounting,
                 calibration: &calibration,
                 full_correction,
-                is_diagonal,
+                unknown_count,
             };
             let initial = FieldCorrection { motor_ut_per_a: autopilot.motor_ut_per_a, ..FieldCorrection::identity() };
             let found = fit.nearest_correction(initial);
             // Headings do not observe the scale.
             let matrix = found.matrix * (autopilot.matrix.trace() / found.matrix.trace());
-            assert!((matrix - autopilot.matrix).amax() < 1e-4, "{is_diagonal}: {matrix}");
-            assert!((found.hard_iron_ut - autopilot.hard_iron_ut).amax() < 0.01, "{is_diagonal}: {found:?}");
+            assert!((matrix - autopilot.matrix).amax() < 1e-4, "{unknown_count}: {matrix}");
+            assert!((found.hard_iron_ut - autopilot.hard_iron_ut).amax() < 0.01, "{unknown_count}: {found:?}");
             let strength_ut = |correction: &FieldCorrection| {
                 let rows = fit.rows_of_normal_flight().into_iter().map(|fitted| fitted.row);
                 let strengths =
                     rows.chain(rotated_rows.iter().copied()).map(|row| row.corrected_field(correction).norm());
                 strengths.sum::<f64>()
             };
-            assert!((strength_ut(&found) / strength_ut(&initial) - 1.0).abs() < 0.01, "{is_diagonal}: {found:?}");
+            assert!((strength_ut(&found) / strength_ut(&initial) - 1.0).abs() < 0.01, "{unknown_count}: {found:?}");
         }
     }
 }

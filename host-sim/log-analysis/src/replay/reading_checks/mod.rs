@@ -112,8 +112,10 @@ fn check_constancy(compass: &CompassEvaluation) -> CheckOutcome {
 /// Axes of the attitude, by the messages that are logged.
 fn check_attitude(flight: &LoggedFlight) -> CheckOutcome {
     match flight.attitude_view {
-        AttitudeView::Vtol(view) => CheckOutcome::Unchecked(format!("{view}, and XKF1 or XKQ is not logged")),
-        AttitudeView::Body | AttitudeView::BodyForVtol(_) => CheckOutcome::Passed,
+        AttitudeView::Vtol(view) => {
+            CheckOutcome::Unchecked(format!("{view}; XKF1 or XKQ is not logged, nor do the modes of the log show when"))
+        }
+        AttitudeView::Body | AttitudeView::BodyForVtol(_) | AttitudeView::BodyByModes => CheckOutcome::Passed,
     }
 }
 
@@ -158,7 +160,7 @@ fn logged_strength_ut(flight: &LoggedFlight, compass: &CompassEvaluation) -> Opt
 }
 
 /// Inclination of the corrected field, against the model or the one given. A negated field turns like a right one: without
-/// these and without north a field that points up, as on the southern half of the Earth alone, must be confirmed.
+/// these and without north its sign must be confirmed.
 fn check_inclination(
     evaluation: &FlightEvaluation,
     rows: &[ReplayRow],
@@ -175,17 +177,23 @@ fn check_inclination(
     let found_deg = libm::asin((down / total).clamp(-1.0, 1.0)).to_degrees();
     let by_model = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.inclination_deg));
     let Some(model_deg) = evaluation.given_inclination_deg.or(by_model) else {
-        return if found_deg >= 0.0 || is_north_known {
-            CheckOutcome::unchecked("the log has no place")
-        } else {
-            CheckOutcome::Failed(format!(
-                "without place and heading nothing confirms that the field points up, which it does on the southern half of \
-                 the Earth alone: if it was flown there, give --inclination {found_deg:.0}"
-            ))
-        };
+        if is_north_known {
+            return CheckOutcome::unchecked("the log has no place");
+        }
+        let [points, half] = if found_deg < 0.0 { ["up", "southern"] } else { ["down", "northern"] };
+        return CheckOutcome::Failed(format!(
+            "without place and heading nothing confirms that the field points {points}, as on the {half} half of the Earth: if \
+             it was flown there, give --inclination {found_deg:.0}"
+        ));
     };
     let source = if evaluation.given_inclination_deg.is_some() { "as given" } else { "by the field model" };
     if (found_deg - model_deg).abs() <= MAX_DIFFERENCE_DEG {
+        let is_level = (found_deg + model_deg).abs() <= MAX_DIFFERENCE_DEG;
+        if is_level && !is_north_known {
+            return CheckOutcome::Failed(
+                "the field is too level to show its sign by the inclination, and the log has no heading".to_owned(),
+            );
+        }
         CheckOutcome::Passed
     } else if (found_deg + model_deg).abs() <= MAX_DIFFERENCE_DEG {
         CheckOutcome::Failed(format!(

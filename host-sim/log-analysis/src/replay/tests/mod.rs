@@ -92,6 +92,7 @@ pub(super) fn export_of(correction: FieldCorrection) -> ExportedCorrection {
         heading_loss_deg: [0.0; 2],
         fitted_range_s: None,
         held_back_score: None,
+        rms_by_terms_deg: None,
         warnings: Vec::new(),
     }
 }

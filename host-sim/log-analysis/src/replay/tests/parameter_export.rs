@@ -7,7 +7,7 @@ use crate::log::CustomRotation;
 use crate::numbers::square;
 use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
 use crate::replay::parameter_export::{
-    ExportInputs, HeldBackScore, ParameterFormat, field_by_exported_parameters, format_parameter_file,
+    CorrectedTerms, ExportInputs, HeldBackScore, ParameterFormat, field_by_exported_parameters, format_parameter_file,
     may_compensate_current,
 };
 use crate::score::wrap_180;
@@ -20,6 +20,7 @@ fn export_module(compass: &CompassEvaluation, format: ParameterFormat) -> Export
         total_ut: None,
         format,
         orientation: Err(FixedOrientation::NotLogged),
+        terms: CorrectedTerms::All,
     };
     inputs.export_simplest(calibration).unwrap().1
 }
@@ -181,6 +182,7 @@ fn export_of_turned(
         total_ut: Some(47.5),
         format,
         orientation: OrientationParameters::from_log(flight, 1, format, &[]),
+        terms: CorrectedTerms::All,
     };
     (inputs.export_simplest(calibration).unwrap().1, compass.rows)
 }
@@ -273,7 +275,7 @@ fn a_turned_sensor_is_oriented_by_the_simplest_parameters() {
     }
 }
 
-/// The table of docs/how-replay-works.md: why a file gives no rotation by any angles.
+/// Why a file gives no rotation by any angles: docs/how-replay-works.md.
 #[test]
 fn an_orientation_that_parameters_do_not_express_is_left() {
     use ParameterFormat::{ArduPilot, Inav, Px4};

@@ -45,7 +45,8 @@ impl Verdict<'_> {
                     add_fact("parameters", format!("fitted to {from_s:.0} to {to_s:.0} s of the log"));
                 }
                 let lost = format_number(exported.heading_loss_deg[0], 2);
-                add_fact("lost with them", format!("{lost} deg RMS that the autopilot's parameters cannot express"));
+                add_fact("lost with them", format!("{lost} deg RMS that these parameters cannot express"));
+                exported.rms_by_terms_text().into_iter().for_each(|text| add_fact("choice of terms", text));
                 exported.warnings.iter().for_each(|warning| add_fact("parameters", warning.clone()));
             }
             // Parameters that the judgement does not recommend, as those of a failed sensor, are not shown.

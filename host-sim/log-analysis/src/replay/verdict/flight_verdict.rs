@@ -9,7 +9,7 @@ use crate::replay::log_warning::LogWarning;
 use crate::replay::logged_accuracy::logged_accuracy;
 use crate::replay::parameter_choice::{NoParameters, choose_parameters, provable_orientation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
-use crate::replay::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, check_reading, forbidding_check};
+use crate::replay::reading_checks::{ReadingCheck, check_reading, forbidding_check};
 use crate::replay::sensor_failure::sensor_failure;
 
 /// Verdict on a flight.
@@ -58,9 +58,9 @@ impl<'a> Verdict<'a> {
                 unconfirmed => {
                     let orientation =
                         provable_orientation(flight, evaluation, compass, format, &reading_checks, &used_rotations);
-                    let chosen = choose_parameters(flight, compass, reference, total_ut, format, orientation);
-                    chosen.and_then(|mut exported| {
-                        exported.warnings.extend(unconfirmed_sign(compass, &reading_checks));
+                    let terms = evaluation.corrected_terms;
+                    let chosen = choose_parameters(flight, compass, reference, total_ut, format, orientation, terms);
+                    chosen.and_then(|exported| {
                         unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
                     })
                 }
@@ -163,20 +163,6 @@ fn compass_name(flight: &LoggedFlight, compass_number: u8) -> String {
         sensor if sensor.is_empty() => format!("Compass {compass_number}"),
         sensor => format!("Compass {compass_number} ({sensor})"),
     }
-}
-
-/// Warning about parameters if neither inclination nor north confirms the sign of the field: a negated field turns like a
-/// right one.
-fn unconfirmed_sign(compass: &CompassEvaluation, checks: &[ReadingCheck]) -> Option<String> {
-    let signs = [CheckedMeaning::Inclination, CheckedMeaning::North];
-    let is_confirmed =
-        |check: &ReadingCheck| signs.contains(&check.meaning) && !matches!(check.outcome, CheckOutcome::Unchecked(_));
-    let solution = compass.parameter_fit.solution().filter(|_| !checks.iter().any(is_confirmed))?;
-    let inclination_deg = solution.calibration.inclination_rad.to_degrees();
-    Some(format!(
-        "neither a place nor a heading confirms the sign of the field: its inclination is {inclination_deg:+.0} deg, which must \
-         be so where it was flown"
-    ))
 }
 
 impl CompassVerdict<'_> {

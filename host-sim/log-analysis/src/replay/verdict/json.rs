@@ -177,6 +177,8 @@ fn parameters_json(exported: &ExportedCorrection) -> Value {
         "lost_rms_deg": round_to(exported.heading_loss_deg[0], 3),
         "lost_mean_deg": round_to(exported.heading_loss_deg[1], 3),
         "heading_rms_deg": exported.held_back_score.map(|score| round_to(score.rms_deg, 3)),
+        "heading_rms_all_deg": exported.rms_by_terms_deg.map(|[all, _]| round_to(all, 3)),
+        "heading_rms_offsets_deg": exported.rms_by_terms_deg.map(|[_, offsets]| round_to(offsets, 3)),
         "is_estimate": exported.held_back_score.map(|score| score.is_estimate),
         "rows_from_s": exported.fitted_range_s.map(|[from_s, _]| round_to(from_s, 1)),
         "rows_to_s": exported.fitted_range_s.map(|[_, to_s]| round_to(to_s, 1)),

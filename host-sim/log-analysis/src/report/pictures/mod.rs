@@ -1,6 +1,5 @@
 pub mod coverage;
 pub mod deviation;
-pub mod map;
 mod picture;
 
 pub use picture::Picture;

@@ -7,13 +7,12 @@ use super::model::{
     CalibratorComparison, CompassReport, DeviationCurve, EventMark, ReferenceInfo, Report, ReportOrigin, ReportSample,
     VerdictLine, means_by_heading,
 };
-use crate::log::{Gps, LoggedFlight};
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::heading_deg;
 use crate::replay::parameter_export::field_by_exported_parameters;
-use crate::replay::verdict::{CompassState, CompassVerdict, Verdict};
+use crate::replay::verdict::{CompassVerdict, Verdict};
 use crate::replay::{HeadingRow, ReferenceHeading, ReplayRow, solved_correction};
 use crate::score::wrap_180;
 
@@ -46,6 +45,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
             .map(|compass| compass_report(verdict, compass))
             .collect(),
         next_steps: verdict.next_steps(),
+        correction_choices: correction_choices(verdict),
         parameter_files: verdict.parameter_files(),
         parameter_changes: verdict.parameter_changes(),
         origin: lines
@@ -58,9 +58,20 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
     }
 }
 
+fn correction_choices(verdict: &Verdict<'_>) -> String {
+    let choice = |compass: &CompassVerdict<'_>| {
+        let text = compass.parameters_to_load()?.rms_by_terms_text()?;
+        Some(format!("Compass {}: {text}.", compass.evaluation.compass_number))
+    };
+    verdict.compasses.iter().filter_map(choice).collect::<Vec<_>>().join(" ")
+}
+
 fn verdict_line(compass: &CompassVerdict<'_>) -> VerdictLine {
-    let compass_state = compass.state_in_use().unwrap_or(CompassState::Unjudged);
-    VerdictLine { compass_state, state_word: compass.state_word(), verdict_text: compass.summary_sentence() }
+    VerdictLine {
+        compass_state: compass.state_in_use(),
+        state_word: compass.state_word(),
+        verdict_text: compass.summary_sentence(),
+    }
 }
 
 fn reference_info(evaluation: &FlightEvaluation) -> ReferenceInfo {
@@ -105,7 +116,7 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
     let mut report = CompassReport {
         compass_name,
         facts,
-        samples: report_samples(flight, compass, &corrections),
+        samples: report_samples(compass, &corrections),
         last_change_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
         before_correction_name: logged_correction_source(compass).source_name(),
@@ -201,22 +212,14 @@ struct ShownCorrections<'a> {
     has_reference: bool,
 }
 
-fn report_samples(
-    flight: &LoggedFlight,
-    compass: &CompassEvaluation,
-    corrections: &ShownCorrections<'_>,
-) -> Vec<ReportSample> {
+fn report_samples(compass: &CompassEvaluation, corrections: &ShownCorrections<'_>) -> Vec<ReportSample> {
     let Some(first) = compass.rows.first() else { return Vec::new() };
-    let places = LocalPositions::from_flight(flight);
     let module = compass.module_result.as_ref();
     let mut samples: Vec<ReportSample> = compass
         .rows
         .iter()
         .enumerate()
-        .map(|(i, row)| ReportSample {
-            position_m: places.as_ref().and_then(|places| places.position_at(flight, row.t_s)),
-            ..corrections.report_sample(row, module.and_then(|module| module.headings.get(i)))
-        })
+        .map(|(i, row)| corrections.report_sample(row, module.and_then(|module| module.headings.get(i))))
         .collect();
     for fitted_s in module.iter().flat_map(|module| &module.fitted_times_s).map(|since_s| since_s + first.t_s) {
         // Marks the nearest row: times of samples are means in whole milliseconds.
@@ -262,38 +265,6 @@ impl ShownCorrections<'_> {
             is_heading_withheld: module.is_some_and(|module| module.status.is_err()),
             ..ReportSample::default()
         }
-    }
-}
-
-struct LocalPositions {
-    origin_deg: [f64; 2],
-    metres_per_deg: [f64; 2],
-}
-
-impl LocalPositions {
-    const METRES_PER_DEGREE: f64 = 111_195.0;
-    const MAX_GAP_S: f64 = 3.0;
-
-    fn from_flight(flight: &LoggedFlight) -> Option<Self> {
-        let is_place = |gps: &Gps| gps.latitude_deg.abs() + gps.longitude_deg.abs() > 0.0;
-        let first = flight.gps.rows().iter().map(|row| Gps::from_columns(row.row_values)).find(is_place)?;
-        let first = [first.longitude_deg, first.latitude_deg].map(f64::from);
-        Some(Self {
-            origin_deg: first,
-            metres_per_deg: [Self::METRES_PER_DEGREE * libm::cos(first[1].to_radians()), Self::METRES_PER_DEGREE],
-        })
-    }
-
-    fn position_at(&self, flight: &LoggedFlight, t_s: f64) -> Option<[f64; 2]> {
-        let (before, after, weight) = flight.gps.surrounding_rows(t_s, Self::MAX_GAP_S)?;
-        let [before, after] = [before, after].map(|row| {
-            let gps = Gps::from_columns(row.row_values);
-            [gps.longitude_deg, gps.latitude_deg].map(f64::from)
-        });
-        Some(std::array::from_fn(|axis| {
-            let degrees = before[axis] + weight * wrap_180(after[axis] - before[axis]);
-            wrap_180(degrees - self.origin_deg[axis]) * self.metres_per_deg[axis]
-        }))
     }
 }
 

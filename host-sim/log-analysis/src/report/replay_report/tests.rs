@@ -1,3 +1,4 @@
+use crate::log::LoggedFlight;
 use autoswing::earth::{Date, EarthField, Position};
 
 use super::*;

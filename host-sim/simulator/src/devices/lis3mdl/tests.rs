@@ -110,17 +110,6 @@ fn data_ready_comes_at_the_data_rate_and_overrun_when_late() {
     });
 }
 
-#[test]
-fn a_single_conversion_ends_in_power_down() {
-    run_on_bus([1.0; 3], |mut bus, _| async move {
-        write_register(&mut bus, 0x20, 0x7C).await;
-        write_register(&mut bus, 0x22, 0x01).await;
-        Timer::after_millis(40).await;
-        assert_eq!(read_register(&mut bus, 0x27).await, 0x0F, "one measurement, no overrun");
-        assert_eq!(read_register(&mut bus, 0x22).await & 3, 3);
-    });
-}
-
 /// A measurement ends between the reads of low and high byte.
 #[test]
 fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {

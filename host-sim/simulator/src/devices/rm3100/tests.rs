@@ -121,18 +121,6 @@ fn a_single_measurement_takes_the_time_of_three_axes() {
     });
 }
 
-/// Table 5-3; `CMM` 0x71 and 0x7D wait for an alarm.
-#[test]
-fn data_ready_follows_the_selected_condition() {
-    for (cmm, expected) in [(0x79, true), (0x71, false), (0x7D, false)] {
-        run_with_chip([0.0; 3], move |mut device, _| async move {
-            write_register(&mut device, 0x01, cmm).await;
-            Timer::after_millis(40).await;
-            assert_eq!(is_ready(&mut device).await, expected, "{cmm:#x}");
-        });
-    }
-}
-
 /// Table 3-1: 20, 38 and 75 counts per microtesla; 24 bits.
 #[test]
 fn cycle_counts_have_the_gain_of_the_manual() {
@@ -208,15 +196,5 @@ fn the_self_test_shows_the_broken_oscillator() {
             assert!(is_ready(&mut device).await);
             assert_eq!(read_register(&mut device, 0x33).await, [result], "{fault:?}");
         }
-    });
-}
-
-/// A transfer of ten bytes takes 80 us at 1 MHz.
-#[test]
-fn a_transfer_takes_the_time_of_its_bytes() {
-    run_with_chip([0.0; 3], |mut device, _| async move {
-        let before_us = clock::now_us();
-        read_counts(&mut device).await;
-        assert_eq!(clock::now_us() - before_us, 80);
     });
 }

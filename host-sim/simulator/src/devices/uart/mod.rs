@@ -117,11 +117,6 @@ impl HostEnd {
         self.to_module.borrow().bytes_in_transit(clock::now_us())
     }
 
-    /// Waits until bytes are available to [`receive_bytes`](Self::receive_bytes).
-    pub async fn wait_until_readable(&self) {
-        poll_fn(|context| self.to_host.borrow_mut().poll_readable(clock::now_us(), context.waker())).await;
-    }
-
     /// Fault: the module's next read returns this error.
     pub fn inject_error(&self, error: UartError) {
         self.to_module.borrow_mut().inject_error(error);
@@ -253,23 +248,6 @@ mod tests {
         assert_eq!(*reads.borrow(), expected);
     }
 
-    #[test]
-    fn a_thousand_bytes_keep_the_exact_rate() {
-        let mut simulation = Simulation::new();
-        let cable = SerialCable::new(UartConfig { transmit_buffer_bytes: 2000, ..UartConfig::default() });
-        let (_receiver, mut transmitter) = cable.module_ends();
-        simulation.spawn(ExecutorLevel::Thread, "writer", async move {
-            transmitter.write_all(&[0x55; 1000]).await.unwrap();
-            transmitter.flush().await.unwrap();
-            assert_eq!(clock::now_us(), 86_806, "10,000 bits at 115,200 a second");
-            std::future::pending::<()>().await;
-        });
-        simulation.run_until(86_805);
-        assert_eq!(cable.host_end().receive_bytes().len(), 999);
-        simulation.run_until(86_806);
-        assert_eq!(cable.host_end().receive_timed(), [TimedByte { arrives_at_us: 86_806, byte: 0x55 }]);
-    }
-
     /// A DMA receiver delivers a burst one byte time after its end: 3 x 87 us.
     #[test]
     fn idle_line_delivers_bursts_whole() {
@@ -348,24 +326,5 @@ mod tests {
         cable.host_end().send_bytes(b"new");
         simulation.run_until(20_000);
         assert_eq!(*reads.borrow(), [(10_000 + 261 + 87, Ok(b"new".to_vec()))]);
-    }
-
-    #[test]
-    fn the_host_side_can_wait_for_bytes() {
-        let mut simulation = Simulation::new();
-        let cable = SerialCable::new(UartConfig::default());
-        let (_receiver, mut transmitter) = cable.module_ends();
-        let host = cable.host_end();
-        simulation.spawn(ExecutorLevel::World, "pilot", async move {
-            host.wait_until_readable().await;
-            assert_eq!((clock::now_us(), host.receive_bytes()), (1087, b"!".to_vec()));
-        });
-        simulation.spawn(ExecutorLevel::Thread, "writer", async move {
-            Timer::after_micros(1000).await;
-            transmitter.write_all(b"!").await.unwrap();
-            std::future::pending::<()>().await;
-        });
-        simulation.run_until(5000);
-        assert_eq!(simulation.task_count(), 1, "the pilot is done");
     }
 }

@@ -187,12 +187,3 @@ fn yaw_is_never_the_heading() {
     let (_, stream) = simulate_source(AttitudeSourceConfig { yaw: ReportedYaw::Absent, ..ERROR_FREE }, 1, 1);
     assert!(decode_attitudes(&stream).iter().all(|(_, data)| data.yaw.is_nan()));
 }
-
-/// Otherwise a comparison of two sources would compare two flights.
-#[test]
-fn attitude_noise_does_not_change_the_flight() {
-    let (with_noise, bytes) = simulate_source(AttitudeSourceConfig::default(), 8, 20);
-    let (without_noise, exact_bytes) = simulate_source(ERROR_FREE, 8, 20);
-    assert_ne!(bytes, exact_bytes);
-    assert_eq!(with_noise.true_state(20_000_000), without_noise.true_state(20_000_000));
-}

@@ -1,4 +1,3 @@
-use autoswing::frames::Field;
 use autoswing_firmware::wire::msp::{self, AutopilotFirmware, MspFunction, MspReceiver, MspReply};
 
 use super::frame::crc_8_dvb_s2;
@@ -68,33 +67,6 @@ fn the_library_understands_variant_position_and_date_of_both_firmwares() {
         assert_eq!(request_reply(&mut autopilot, MspFunction::RawGps, &lost), Some(MspReply::RawGps(None)));
         assert_eq!(request_reply(&mut autopilot, MspFunction::Rtc, &lost), Some(MspReply::Rtc(None)));
     }
-}
-
-#[test]
-fn unknown_requests_are_answered() {
-    // MSP_MOTOR, which the simulated autopilots do not know.
-    let request = [b'$', b'X', b'<', 0, 104, 0, 0, 0, crc_8_dvb_s2(&[0, 104, 0, 0, 0])];
-    for (firmware, direction) in [(MspFirmware::ArduPilot, b'>'), (MspFirmware::Inav, b'!')] {
-        let mut autopilot = MspAutopilot::new(firmware, NO_FAULTS, 1);
-        send_request(&mut autopilot, 0, &request);
-        let answer = autopilot.due_reply_bytes(u64::MAX, &AUTOPILOT_STATE);
-        assert_eq!((answer.len(), answer[2], answer[4]), (9, direction, 104));
-    }
-}
-
-#[test]
-fn compass_frames_are_received() {
-    let mut autopilot = MspAutopilot::new(MspFirmware::Inav, NO_FAULTS, 1);
-    let mut reading = msp::compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
-    send_request(&mut autopilot, 7, b"$X noise");
-    send_request(&mut autopilot, 7, &reading);
-    let expected =
-        CompassSample { received_at_us: 7, compass_instance: 0, time_ms: 123_456, field_mg: [200, -51, 442] };
-    assert_eq!(autopilot.take_compass_samples(), [expected]);
-    assert_eq!((autopilot.next_answer_us(), autopilot.crc_error_count()), (None, 0));
-    reading[15] ^= 1;
-    send_request(&mut autopilot, 8, &reading);
-    assert_eq!((autopilot.take_compass_samples().len(), autopilot.crc_error_count()), (0, 1));
 }
 
 #[test]

@@ -106,19 +106,6 @@ fn calibration_and_reasons_are_in_the_vendor_s_code() {
     }
 }
 
-/// Two nodes with one number: an autopilot would mix their fields.
-#[test]
-fn a_second_node_with_this_number_stops_the_field() {
-    let mut bench = Bench::new();
-    assert!(!bench.sent_in_ms(FIELD_TYPE, 100).is_empty());
-    bench.deliver_transfer(OWN_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
-    let sent = bench.run_ms(2000);
-    assert!(sent.iter().all(|sent| !has_data_type(sent, FIELD_TYPE)));
-    let status = sent.iter().find(|sent| has_data_type(sent, DataType::NODE_STATUS)).unwrap();
-    assert_eq!(status_fields(status), (0, 0, 0x64E0));
-    assert!(!bench.sent_in_ms(FIELD_TYPE, 2000).is_empty(), "three seconds after the last frame");
-}
-
 fn log_texts(sent: &[SentTransfer]) -> Vec<String> {
     let logs = sent.iter().filter(|sent| has_data_type(sent, DataType::LOG_MESSAGE));
     logs.map(|sent| {

@@ -139,15 +139,6 @@ fn bench_with_granted_requests() -> MavlinkBench {
     bench
 }
 
-#[test]
-fn attitude_is_requested_again_after_2_s_of_silence() {
-    let mut bench = bench_with_granted_requests();
-    bench.run_ms(1_900);
-    assert_eq!(sent_requests(&bench), []);
-    bench.run_ms(200);
-    assert!(matches!(sent_requests(&bench)[..], [(_, 30, 40)]), "{:?}", sent_requests(&bench));
-}
-
 /// A step back of the autopilot's clock by seconds is a restart; half a second is the order of reports on the line. A
 /// clock that is always zero indicates no restart.
 #[test]

@@ -1,10 +1,7 @@
 //! Selection of the autopilot, and unsolicited messages: heartbeats, headings, poses, texts.
 
-use nalgebra::Vector3;
-
 use super::*;
 use crate::port::snapshot::tests::test_snapshot;
-use autoswing::instrument::{HardIronChange, InstallationChange};
 use autoswing_module::settings::{HeadingKind, OutOfRange};
 
 /// Start of a text; tests append the rest.
@@ -72,22 +69,6 @@ fn position_date_and_current_are_used_from_the_selected_autopilot() {
     assert_eq!(bench.receive(&mavlink_v2_frame(AUTOPILOT, 33, 104, &[1])), []);
     // Without a selected sender an autopilot's messages are ignored, too.
     assert_eq!(MavlinkBench::new().receive(&position_frame(AUTOPILOT)), []);
-}
-
-#[test]
-fn attitude_and_armed_state_are_used_from_the_selected_sender() {
-    let mut bench = MavlinkBench::with_autopilot();
-    assert_eq!(bench.receive(&attitude_frame(SECOND_AUTOPILOT, 0)), [ReceivedMessage::RejectedAttitude]);
-    let received = bench.receive(&attitude_frame(AUTOPILOT, 7));
-    let [ReceivedMessage::Attitude(report)] = received[..] else { panic!("{received:?}") };
-    assert_eq!(report.attitude, RollPitch { roll_rad: 0.1, pitch_rad: 0.2 });
-    bench.receive(&mavlink_heartbeat(SECOND_AUTOPILOT, true, true));
-    assert_eq!(bench.mavlink.is_armed(bench.now()), Some(false));
-    bench.receive(&mavlink_heartbeat(AUTOPILOT, true, true));
-    assert_eq!(bench.mavlink.is_armed(bench.now()), Some(true));
-    let mut broken = attitude_frame(AUTOPILOT, 8);
-    *broken.last_mut().unwrap() ^= 1;
-    assert_eq!((bench.receive(&broken), bench.mavlink.rejected_frame_count()), (vec![], 1));
 }
 
 #[test]
@@ -226,26 +207,6 @@ fn a_pose_needs_declination_heading_attitude_and_the_setting() {
         bench.run_ms(1_000);
         assert_eq!(bench.take_messages(102), []);
     }
-}
-
-/// MAV_SEVERITY_WARNING is 4, MAV_SEVERITY_INFO 6.
-#[test]
-fn a_text_has_the_severity_of_its_message() {
-    let mut bench = MavlinkBench::with_autopilot();
-    let moved = Notice::InstallationChanged(InstallationChange::HardIron(HardIronChange {
-        change_ut: Vector3::new(3.0, 0.0, 0.0),
-        sigma_ut: 0.4,
-    }));
-    for message in [&Notice::CommandRejected(Refusal::NoSensor), &moved, &Notice::InstallationRestored] {
-        bench.mavlink.queue_text(message);
-    }
-    bench.run_ms(2_000);
-    let expected = [
-        (4, format!("autoswing: {}", Notice::CommandRejected(Refusal::NoSensor))),
-        (4, format!("autoswing: {moved}")),
-        (6, "autoswing: iron-back: as calibrated again".to_owned()),
-    ];
-    assert_eq!(bench.take_texts(), expected);
 }
 
 /// Lengths around multiples of a chunk; the last chunk must not be full. Long texts have numbers of their own, at most

@@ -155,20 +155,6 @@ fn signed_attitude_frame() -> Vec<u8> {
     [with_mavlink_crc(frame, 39), vec![0xFD; 13]].concat()
 }
 
-#[test]
-fn a_message_is_returned_with_the_last_byte_of_its_frame() {
-    let [v1, v2] = attitude_frames(ANGLES_AND_RATES);
-    for frame in [v1, v2, signed_attitude_frame()] {
-        let mut receiver = MavlinkReceiver::new();
-        for _ in 0..3 {
-            let (last, rest) = frame.split_last().unwrap();
-            assert!(rest.iter().all(|&byte| receiver.push_byte(byte).is_none()));
-            assert!(receiver.push_byte(*last).is_some());
-        }
-        assert_eq!(receiver.rejected_count, 0);
-    }
-}
-
 /// Incompatibility flags are byte 2 of the header, compatibility flags byte 3, the ID bytes 7 to 9.
 #[test]
 fn frames_with_unknown_incompatibility_flags_or_ids_are_skipped() {

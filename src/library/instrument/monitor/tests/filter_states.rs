@@ -205,32 +205,37 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
 /// A heading that is off by 0.3 rad at an inclination of 60 deg: a third of the horizontal field's 0.15 in a sample,
 /// less the variance of the innovation.
 #[test]
-fn a_change_that_goes_on_inflates_hard_iron_except_in_a_turn() {
-    let added_variance = |residual: f32, is_detected: bool, heading_rad_s: f32| {
+fn an_unexplained_change_inflates_hard_iron_except_in_a_turn() {
+    let added_variance = |residual: f32, heading_rad_s: f32| {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         let states = *monitor.filter.mean();
         let sample = sample_at_rest(60_f32.to_radians(), RollPitch::default());
         let model = MeasurementModel::new(&sample, &states, &PredictedField::new(&states, 60_f32.to_radians(), None));
-        for _ in 0..if is_detected { 2 } else { 0 } {
-            let innovation = Some(Innovation { residual: 0.1, variance: 1e-4 });
-            monitor.innovation_gate.test_innovations([innovation; 3], STEP_S);
-        }
         let offset = GyroOffsetEstimate { offset_rad_s: 0.0, variance: 1e-6 };
         (0..50).for_each(|_| monitor.heading_drift.update_drift(offset, heading_rad_s, STEP_S));
         let before = state_variances(&monitor)[HARD_IRON_CHANGE_INDEX];
         let innovations = [None, None, Some(Innovation { residual, variance: 0.01 })];
-        monitor.inflate_by_continued_change(&model, innovations, STEP_S);
+        monitor.inflate_by_unexplained_change(&model, innovations, STEP_S);
         state_variances(&monitor)[HARD_IRON_CHANGE_INDEX] - before
     };
-    for (residual, is_detected, heading_rad_s, expected) in [
-        (0.3, true, 0.0, 0.08 / 4.0 / 3.0),
-        (-0.3, true, 0.0, 0.08 / 4.0 / 3.0),
-        (0.09, true, 0.0, 0.0),
-        (0.3, false, 0.0, 0.0),
-        (0.3, true, 0.2, 0.0),
-    ] {
-        let found = added_variance(residual, is_detected, heading_rad_s);
-        assert!((found - expected).abs() < 1e-5, "{residual} {is_detected} {heading_rad_s}: {found}");
+    for (residual, heading_rad_s, expected) in
+        [(0.3, 0.0, 0.08 / 4.0 / 3.0), (-0.3, 0.0, 0.08 / 4.0 / 3.0), (0.09, 0.0, 0.0), (0.3, 0.2, 0.0)]
+    {
+        let found = added_variance(residual, heading_rad_s);
+        assert!((found - expected).abs() < 1e-5, "{residual} {heading_rad_s}: {found}");
+    }
+}
+
+/// Roll bias of 0.1 rad with an effect of 1.5 on the heading, a turn of the mount of 0.2 rad with 1.
+#[test]
+fn other_causes_beside_changed_hard_iron_count_as_variance() {
+    let (mut jacobian, mut states) = ([0.0; STATE_COUNT], [0.0; STATE_COUNT]);
+    (jacobian[ROLL_BIAS_INDEX], states[ROLL_BIAS_INDEX]) = (1.5, 0.1);
+    (jacobian[MOUNT_TURN_INDEX], states[MOUNT_TURN_INDEX]) = (-1.0, 0.2);
+    for (hard_iron_change, expected) in [(0.0, 0.0), (0.029, 0.0), (0.1, 0.4 * (0.0225 + 0.04))] {
+        let change = Vector3::new(0.0, hard_iron_change, 0.0);
+        let found = alternative_cause_variance_rad2(&change, &jacobian, &states);
+        assert!((found - expected).abs() < 1e-6, "{hard_iron_change}: {found}");
     }
 }
 

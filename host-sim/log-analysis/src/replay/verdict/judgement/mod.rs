@@ -289,9 +289,7 @@ impl fmt::Display for CompassJudgement {
                      {as_logged_rms_deg:.1}"
                 ),
                 JudgementReason::Parameters(HeldBackScore { rms_deg, .. }) if *rms_deg > GOOD_COMPASS_RMS_DEG => {
-                    format!(
-                        "with these parameters {rms_deg:.1}, part of it what the autopilot's parameters cannot express"
-                    )
+                    format!("with these parameters {rms_deg:.1}, part of it what they cannot express")
                 }
                 JudgementReason::Parameters(HeldBackScore { rms_deg, .. }) => {
                     format!("with these parameters {rms_deg:.1}")

@@ -130,8 +130,8 @@ fn a_judgement_is_a_sentence_of_its_reasons_and_action() {
             None,
             Ok(exported(2.1, false)),
             format!(
-                "is off by 6.5 deg RMS {flown}; with these parameters 2.1, part of it what the autopilot's parameters \
-                 cannot express: load them"
+                "is off by 6.5 deg RMS {flown}; with these parameters 2.1, part of it what they cannot express: load \
+                 them"
             ),
         ),
         (

@@ -57,22 +57,6 @@ fn bank_and_pitch_have_the_configured_standard_deviation() {
     assert!((sigma_deg(|state| state.sideslip_rad) / sideslip_deg - 1.0).abs() < 0.15);
 }
 
-#[test]
-fn a_plan_is_flown_leg_by_leg() {
-    let mut aircraft = aircraft(Weather::default(), 3);
-    aircraft.autopilot_mut().append_leg(Leg::Straight { heading_deg: 350.0, seconds: 20.0 });
-    aircraft.autopilot_mut().append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: -720.0 });
-    fly(&mut aircraft, 20.0);
-    assert!((aircraft.true_state().heading_rad.to_degrees() + 10.0).abs() < 4.0, "the short way to 350 is to the left");
-    // 720 degrees at 11.91 deg/s take 60.5 s.
-    fly(&mut aircraft, 55.0);
-    assert_eq!(aircraft.autopilot().unfinished_leg_count(), 1);
-    fly(&mut aircraft, 15.0);
-    assert_eq!(aircraft.autopilot().unfinished_leg_count(), 0);
-    let turned_deg = aircraft.true_state().heading_rad.to_degrees() + 10.0;
-    assert!((-760.0..-720.0).contains(&turned_deg), "{turned_deg}");
-}
-
 /// A wind of 4 m/s from 250 degrees drifts the aircraft toward 070; full circles cancel its own motion.
 #[test]
 fn the_wind_moves_the_ground_track_not_the_heading() {
@@ -90,31 +74,4 @@ fn the_wind_moves_the_ground_track_not_the_heading() {
     let toward_deg = libm::atan2(after.east_m - before.east_m, after.north_m - before.north_m).to_degrees();
     assert!((drift_m_s - 4.0).abs() < 0.01, "{drift_m_s} m/s");
     assert!((toward_deg - 70.0).abs() < 0.2, "{toward_deg} deg");
-}
-
-#[test]
-fn the_same_seed_flies_the_same_flight_and_settings_do_not_share_noise() {
-    let roll = |weather, seed| {
-        let mut aircraft = aircraft(weather, seed);
-        fly(&mut aircraft, 30.0).iter().map(|state| state.roll_rad.to_bits()).collect::<Vec<_>>()
-    };
-    let calm = Weather { gust_m_s: 0.0, ..Weather::default() };
-    assert_eq!(roll(calm, 5), roll(calm, 5));
-    assert_ne!(roll(calm, 5), roll(calm, 6));
-    assert_eq!(roll(calm, 5), roll(Weather { pitch_wander_deg: 3.0, wind_m_s: 9.0, ..calm }, 5));
-}
-
-#[test]
-fn an_aeroplane_completes_hover_tilt_and_yaw_legs() {
-    let mut aircraft = aircraft(Weather::calm(), 1);
-    aircraft.autopilot_mut().append_leg(Leg::Hover { seconds: 2.0 });
-    aircraft.autopilot_mut().append_leg(Leg::Tilt { toward_deg: 90.0, tilt_deg: 20.0, seconds: 2.0 });
-    let states = fly(&mut aircraft, 4.0);
-    assert!(
-        states.iter().all(|state| state.roll_rad.abs() < 1e-6 && state.disturbing_acceleration_m_s2.to_bits() == 0)
-    );
-    aircraft.autopilot_mut().append_leg(Leg::Yaw { rate_deg_s: 30.0, heading_change_deg: -360.0 });
-    fly(&mut aircraft, 60.0);
-    assert_eq!(aircraft.autopilot().unfinished_leg_count(), 0);
-    assert!(aircraft.true_state().heading_rad < -TAU);
 }
