@@ -235,8 +235,8 @@ fn boat_routine(heading_deg: f64) -> CalibrationRoutine {
 }
 
 fn hand_routine() -> CalibrationRoutine {
-    let instruction_text = "in the hand, on four headings, a quarter turn apart: nose down, nose up, on its left and on its right \
-                side, and upside down, two seconds each";
+    let instruction_text = "on four headings, a quarter turn apart: nose down, nose up, on its left and on its right side, and \
+                upside down, two seconds each";
     let tilt = |toward_deg: f64, tilt_deg: f64| Leg::Tilt { toward_deg, tilt_deg, seconds: 2.0 };
     let tilts = [tilt(0.0, 60.0), tilt(180.0, 60.0), tilt(270.0, 90.0), tilt(90.0, 90.0), tilt(90.0, 170.0)];
     let tumble = (0..4).flat_map(|_| tilts.into_iter().chain([yaw_leg(60.0, 90.0)])).collect();

@@ -572,6 +572,7 @@ fn the_own_attitude_is_used_alone_only_without_an_autopilot() {
         [(14_000_000, false, false), (16_000_000, false, true), (16_000_000, true, false)]
     {
         let mut track = AttitudeTrack::new(CONFIG);
+        track.set_source(AttitudeSource::Automatic);
         if autopilot_reports {
             assert!(track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 1.0)));
         }
