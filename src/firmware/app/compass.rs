@@ -17,6 +17,7 @@ use crate::app::task_links::TaskLinks;
 use crate::health::{EventCounts, main_sample_loss};
 use crate::log::{info, warning};
 use autoswing::acceptance::AcceptancePolicy;
+use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::collection::RetainedSamples;
 use autoswing::earth::{Date, Position};
 use autoswing::instrument::readings_per_sample;
@@ -62,6 +63,9 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
     let mut events = CompassEvents::new(links);
     let mut counts_at_start = EventCounts::default();
     publish_state(links, compass, None);
+    if HAS_OWN_ATTITUDE {
+        links.sensor_offsets.sender().send(compass.sensor_offsets());
+    }
     loop {
         increment_counter(&links.heartbeats.compass);
         let (event, source) = if compass.needs_solve_step() {
@@ -80,7 +84,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             counts_at_start = links.event_counts();
         }
-        if let Some(offsets) = links.sensor_offsets.try_get() {
+        if HAS_OWN_ATTITUDE && let Some(offsets) = links.sensor_offsets.try_get() {
             compass.set_sensor_offsets(offsets);
         }
         if let Effect::None = effect {

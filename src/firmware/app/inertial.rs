@@ -32,8 +32,8 @@ struct AttitudeEstimator<'a> {
 impl<S: InertialSensor> ChipEvents<S> for AttitudeEstimator<'_> {
     fn on_start(&mut self, sensor: &S, (): ()) {
         info!("gyro and accelerometer");
-        // The alignment of the active calibration belongs to the offsets that were estimated with it.
-        let offsets = self.links.correction.try_get().map(|correction| correction.sensor_offsets);
+        // The alignment of the stored calibration belongs to the offsets that were estimated with it.
+        let offsets = self.links.sensor_offsets.try_get();
         self.filter.get_or_insert_with(|| AttitudeFilter::new(sensor.sensor_errors(), offsets.unwrap_or_default()));
     }
 

@@ -6,6 +6,7 @@ use embassy_time::{Instant, Timer};
 
 use super::task_links::{AttitudeInput, SensorDetection, Timestamped, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
+use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::instrument::{ChangeReporter, Instrument, InstrumentConfig, TurnRequest};
 use autoswing_module::messages::Message;
 
@@ -31,7 +32,9 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
         match event {
             Either4::First(found) => configure_sensor(&mut instrument, found),
             Either4::Second(Timestamped { timestamp, value: AttitudeInput::Own(estimate) }) => {
-                instrument.on_inertial_attitude(timestamp, &estimate);
+                if HAS_OWN_ATTITUDE {
+                    instrument.on_inertial_attitude(timestamp, &estimate);
+                }
             }
             Either4::Second(Timestamped { timestamp, value: AttitudeInput::Report(report) }) => {
                 instrument.on_attitude(timestamp, report);

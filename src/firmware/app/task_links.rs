@@ -113,7 +113,7 @@ pub struct TaskLinks {
     pub(super) motor_current: LatestValue<Timestamped<f32>, 0>,
     /// Speed over ground, m/s; the task of gyro and accelerometer polls it.
     pub(super) ground_speed: LatestValue<Timestamped<f32>, 0>,
-    /// Estimated offsets of gyro and accelerometer; the state machine's task polls them.
+    /// Offsets of gyro and accelerometer, stored ones at the start; the state machine's task polls the estimated ones.
     pub(super) sensor_offsets: LatestValue<SensorOffsets, 0>,
     /// Correction for the instrument, replaced as a whole, so that a heading never mixes two calibrations.
     pub(super) correction: LatestValue<Correction, 1>,

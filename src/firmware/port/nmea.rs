@@ -4,6 +4,7 @@ use crate::port::message_schedule::MessageSchedule;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::nmea::{self, SpeedReceiver};
+use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::heading::Heading;
 
 /// NMEA protocol of a port: `HCHDM`, `HCHDG`, `HCHDT` if the declination is known, and `PASWH`, with the rate of
@@ -50,7 +51,7 @@ impl Nmea {
         if heading.is_err() {
             out.headingless_message_count = out.headingless_message_count.wrapping_add(1);
         }
-        if self.attitude_schedule.is_due(estimate.timestamp, ATTITUDE_HZ) {
+        if HAS_OWN_ATTITUDE && self.attitude_schedule.is_due(estimate.timestamp, ATTITUDE_HZ) {
             append_own_attitude(snapshot, heading.ok(), out);
         }
     }

@@ -6,6 +6,7 @@ use crate::port::nmea::Nmea;
 use crate::port::protocol::{Protocol, ReceivedMessage};
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
+use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::time::Timestamp;
 use autoswing_module::settings::ProtocolKind;
 
@@ -88,7 +89,8 @@ impl Port {
             None
         };
         let mavlink_message = if active == ProtocolKind::Msp { None } else { self.mavlink.process_byte(at, byte) };
-        let speed_m_s = if active == ProtocolKind::Nmea { self.nmea.speed_receiver.push_byte(byte) } else { None };
+        let uses_speed = HAS_OWN_ATTITUDE && active == ProtocolKind::Nmea;
+        let speed_m_s = if uses_speed { self.nmea.speed_receiver.push_byte(byte) } else { None };
         if msp_message.is_some() {
             self.detection.record_frame(ProtocolKind::Msp, at);
         }

@@ -37,7 +37,7 @@ impl RejectedReports {
 #[derive(Debug)]
 pub struct AttitudeHistory {
     config: AttitudeConfig,
-    reports: ReportQueue,
+    reports: ReportQueue<8>,
     sender_clock: SenderClock,
     spike_filter: SpikeFilter,
     freeze_detector: FreezeDetector,

@@ -6,7 +6,7 @@ use super::euler_rates::GyroHeading;
 use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
-use super::source::AttitudeSource;
+use super::source::{AttitudeSource, HAS_OWN_ATTITUDE};
 use crate::inertial::InertialAttitude;
 use crate::time::{Timestamp, WrappingMillis};
 
@@ -19,12 +19,15 @@ const MAX_GAP_US: u32 = 50_000;
 /// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
 const NUMBER_BEFORE_RUNS: u8 = 128;
 
+/// Latest estimates; a board without the sensors has none.
+type EstimateQueue = ReportQueue<{ if HAS_OWN_ATTITUDE { 8 } else { 1 } }>;
+
 /// Estimates of the attitude filter, and their use.
 #[derive(Debug)]
 pub(super) struct InertialLine {
     source: AttitudeSource,
     /// Estimates as reports whose time is that of their sample.
-    estimates: ReportQueue,
+    estimates: EstimateQueue,
     tilt_covariance: Matrix2<f32>,
     has_autopilot_reported: bool,
 }
@@ -45,7 +48,8 @@ impl InertialLine {
 
     /// Adds the estimate of a sample taken at `at`, unless the source is the autopilot alone.
     pub fn push_estimate(&mut self, at: Timestamp, estimate: &InertialAttitude) {
-        if self.source == AttitudeSource::Autopilot || self.estimates.newest().is_some_and(|last| last.sent_at >= at) {
+        let is_used = HAS_OWN_ATTITUDE && self.source != AttitudeSource::Autopilot;
+        if !is_used || self.estimates.newest().is_some_and(|last| last.sent_at >= at) {
             return;
         }
         self.tilt_covariance = estimate.tilt_covariance;
@@ -62,12 +66,12 @@ impl InertialLine {
     /// Records a report of the autopilot; returns whether it is used.
     pub fn accept_autopilot_report(&mut self) -> bool {
         self.has_autopilot_reported = true;
-        self.source != AttitudeSource::Own
+        !HAS_OWN_ATTITUDE || self.source != AttitudeSource::Own
     }
 
     /// The estimates, if their attitude is in use. An autopilot that falls silent is not replaced: a calibration with its
     /// attitude includes the alignment of its sensors.
-    pub fn estimates_in_use(&self) -> Option<&ReportQueue> {
+    pub fn estimates_in_use(&self) -> Option<&EstimateQueue> {
         let is_alone = match self.source {
             AttitudeSource::Autopilot => false,
             AttitudeSource::Own => true,
@@ -76,17 +80,17 @@ impl InertialLine {
                     && self.estimates.newest().is_some_and(|newest| newest.sent_at.as_us() > AUTOPILOT_START_US)
             }
         };
-        is_alone.then_some(&self.estimates)
+        (HAS_OWN_ATTITUDE && is_alone).then_some(&self.estimates)
     }
 
     /// Body rates at an instant.
     pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
-        self.estimates.body_rates_at(at, MAX_GAP_US)
+        if HAS_OWN_ATTITUDE { self.estimates.body_rates_at(at, MAX_GAP_US) } else { None }
     }
 
     /// Angle rates and integrated heading at an instant.
     pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
-        self.estimates.gyro_heading_at(at, MAX_GAP_US)
+        if HAS_OWN_ATTITUDE { self.estimates.gyro_heading_at(at, MAX_GAP_US) } else { None }
     }
 
     /// Covariance of the tilt about the level frame's x and y axes, rad^2, if the own attitude is in use.

@@ -36,7 +36,7 @@ pub use lookup::AttitudeLookup;
 pub use rate_estimator::RateEstimator;
 pub use report::{AttitudeReport, BodyRates};
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
-pub use source::AttitudeSource;
+pub use source::{AttitudeSource, HAS_OWN_ATTITUDE};
 
 /// Largest sigma of the own attitude's tilt of a sample, radians: the first turn makes the accelerometer's offset known, which
 /// tilts by 3 deg before.
@@ -59,7 +59,7 @@ impl AttitudeTrack {
 
     /// Sets the source; a change restarts the track.
     pub fn set_source(&mut self, source: AttitudeSource) {
-        if source != self.own.source() {
+        if HAS_OWN_ATTITUDE && source != self.own.source() {
             *self = Self { own: InertialLine::new(source), ..Self::new(self.config) };
         }
     }

@@ -10,13 +10,13 @@ use crate::time::Timestamp;
 
 /// Reports in the order of their times.
 #[derive(Debug)]
-pub(super) struct ReportQueue {
-    reports: heapless::Deque<TimedReport, 8>,
+pub(super) struct ReportQueue<const N: usize> {
+    reports: heapless::Deque<TimedReport, N>,
     /// Number before that of the first run of the integrated heading.
     number_before_runs: u8,
 }
 
-impl ReportQueue {
+impl<const N: usize> ReportQueue<N> {
     /// An empty queue. Run numbers of two sources must differ.
     pub const fn new(number_before_runs: u8) -> Self {
         Self { reports: heapless::Deque::new(), number_before_runs }

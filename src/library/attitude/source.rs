@@ -1,5 +1,8 @@
 //! Source of the attitude, as the user chooses it.
 
+/// Whether the module may have a gyro and an accelerometer: feature `own-attitude`. A board without them saves the code.
+pub const HAS_OWN_ATTITUDE: bool = cfg!(feature = "own-attitude");
+
 /// Source of the attitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AttitudeSource {

@@ -2,7 +2,6 @@
 
 use crate::attitude::AttitudeSource;
 use crate::calibration::{Calibration, HeadingUncertainty, Orientation};
-use crate::inertial::SensorOffsets;
 
 /// Corrections to apply, replaced as a whole so that a heading never mixes two calibrations.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,8 +25,6 @@ pub struct Correction {
     pub sensor_errors: SensorErrorSigmas,
     /// Source of the attitude.
     pub attitude_source: AttitudeSource,
-    /// Offsets of gyro and accelerometer at the time of the calibration.
-    pub sensor_offsets: SensorOffsets,
 }
 
 /// Errors of gyro and magnetometer that the monitor expects before a flight shows them, 1 sigma.
@@ -56,7 +53,6 @@ impl Correction {
         is_armed: None,
         sensor_errors: SensorErrorSigmas::DEFAULT,
         attitude_source: AttitudeSource::Autopilot,
-        sensor_offsets: SensorOffsets::UNKNOWN,
     };
 
     /// Whether both corrections produce the same headings.

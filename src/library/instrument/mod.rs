@@ -442,8 +442,10 @@ impl Instrument {
         let limits = if base.has_valid_inclination { limits } else { limits.without_inclination_limit() };
         let heading = heading::heading_from_corrected_field(limits, calibration, uncertainty, (field, body), attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
-            .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a))
-            .with_added_systematic_variance(self.own_tilt_heading_variance_rad2(calibration.inclination_rad));
+            .with_added_systematic_variance(
+                calibration.motor_current_heading_variance_rad2(current_a)
+                    + self.own_tilt_heading_variance_rad2(calibration.inclination_rad),
+            );
         if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {
             Ok(heading.rotated_by_deg(base.align_deg))
         } else {

@@ -51,7 +51,9 @@ impl<'a> Compass<'a> {
             settings,
             stored_calibrations,
             sensor: None,
-            sensor_offsets: SensorOffsets::UNKNOWN,
+            sensor_offsets: stored_calibrations
+                .current_calibration
+                .map_or(SensorOffsets::UNKNOWN, |record| record.sensor_offsets),
             armed_state: ArmedState::UNKNOWN,
             local_field: LocalField::UNKNOWN,
             collector: Collector::new(retained),

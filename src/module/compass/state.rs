@@ -69,6 +69,12 @@ impl Compass<'_> {
         matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
     }
 
+    /// Offsets of gyro and accelerometer: those of the stored calibration, until they are updated.
+    #[must_use]
+    pub const fn sensor_offsets(&self) -> SensorOffsets {
+        self.sensor_offsets
+    }
+
     /// Updates the estimated offsets of gyro and accelerometer, which the next calibration includes.
     pub const fn set_sensor_offsets(&mut self, offsets: SensorOffsets) {
         self.sensor_offsets = offsets;
@@ -89,7 +95,6 @@ impl Compass<'_> {
             is_armed: self.armed_state.reported_state(),
             sensor_errors: sensor_error_sigmas(self.settings.sensor_error),
             attitude_source: self.settings.attitude_source,
-            sensor_offsets: self.active_record().map_or(SensorOffsets::UNKNOWN, |record| record.sensor_offsets),
         }
     }
 

@@ -298,7 +298,7 @@ pub static SETTINGS: [Setting; 25] = setting_rows! {
         shown ["vision", "", ""], refused "on or off";
     "ATTITUDE" 23, stored 31: Choice(|s| &mut s.attitude_source),
         ["set", "attitude"] "SOURCE":
-            "roll and pitch: of the autopilot, own of the board's gyro, or auto: own rates, and all own without an autopilot",
+            "whose roll and pitch; auto: own body rates, and all own without an autopilot",
         shown ["attitude-source", "", ""], refused "a source of attitude is autopilot, own or auto", used by Solve;
     // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
     "ATTITUDE_RATE" 10, stored 23: Whole(|s| &mut s.attitude_rate_hz, [20, 50], "a second", None),

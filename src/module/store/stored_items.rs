@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::fields::{FieldVisitor, StoredFields};
 use crate::settings::{PORT_COUNT, ProtocolKind, SETTINGS, SettingKind, Settings};
+use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::calibration::{
     AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
     Quality,
@@ -47,7 +48,7 @@ impl CalibrationRecord {
                 .iter()
                 .all(|number| number.is_finite())
             && self.mount.is_valid()
-            && self.sensor_offsets.is_finite()
+            && (!HAS_OWN_ATTITUDE || self.sensor_offsets.is_finite())
     }
 }
 
@@ -117,8 +118,10 @@ impl StoredFields for CalibrationRecord {
         visitor.visit_required(23, mount);
         visitor.visit_required(24, serial);
         visitor.visit_required(25, knows_inclination);
-        visitor.visit_optional(26, &mut sensor_offsets.gyro_rad_s);
-        visitor.visit_optional(27, &mut sensor_offsets.accelerometer_m_s2);
+        if HAS_OWN_ATTITUDE {
+            visitor.visit_optional(26, &mut sensor_offsets.gyro_rad_s);
+            visitor.visit_optional(27, &mut sensor_offsets.accelerometer_m_s2);
+        }
     }
 
     fn is_valid(&self) -> bool {

@@ -6,6 +6,7 @@ use super::calibration::write_latency;
 use super::settings::{CAN_LINE, PORT_LINES, setting_lines, write_field_model, write_setting_line};
 use crate::health::{CanState, Diagnostics, EventCounts, ResetCause, StackUse};
 use crate::wire::dronecan::outbound::BusCounts;
+use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::calibration::CollectionPart;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::collection::{PartCoverage, SECTOR_COUNT};
@@ -240,7 +241,7 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",
         counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_register_upsets
     )?;
-    if counts.inertial_readings > 0 {
+    if HAS_OWN_ATTITUDE && counts.inertial_readings > 0 {
         writeln!(
             out,
             "gyro: {} readings, {} errors, {} register upsets repaired",
