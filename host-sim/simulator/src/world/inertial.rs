@@ -29,8 +29,7 @@ impl World {
 pub fn inertial_truth(before: &TrueState, after: &TrueState, temperature_c: f64) -> InertialTruth {
     let step_s = after.time_us.saturating_sub(before.time_us).max(1) as f64 * 1e-6;
     let gained = Vector3::new(after.north_m_s - before.north_m_s, after.east_m_s - before.east_m_s, 0.0);
-    let [north, east] = after.added_acceleration_m_s2;
-    let force = gained / step_s + Vector3::new(north, east, -f32_as_f64(GRAVITY_M_S2));
+    let force = gained / step_s - Vector3::new(0.0, 0.0, f32_as_f64(GRAVITY_M_S2));
     InertialTruth {
         rates_rad_s: after.body_rates_rad_s().into(),
         specific_force_m_s2: after.euler_angles().body_from_earth() * force,

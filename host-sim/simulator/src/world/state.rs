@@ -33,9 +33,6 @@ pub struct TrueState {
     pub north_m_s: f64,
     /// Velocity over ground toward magnetic east, metres per second.
     pub east_m_s: f64,
-    /// Horizontal acceleration beside that of the velocity over ground, m/s^2, toward magnetic north and east: the orbital
-    /// motion of water.
-    pub added_acceleration_m_s2: [f64; 2],
     /// Magnitude of the horizontal acceleration that causes tilt errors of the attitude source, m/s^2.
     pub disturbing_acceleration_m_s2: f64,
     /// Motor current relative to level flight, hover or driving on level ground.
@@ -99,8 +96,6 @@ impl TrueState {
             east_m: interpolate_value(self.east_m, later.east_m),
             north_m_s: interpolate_value(self.north_m_s, later.north_m_s),
             east_m_s: interpolate_value(self.east_m_s, later.east_m_s),
-            added_acceleration_m_s2: [0, 1]
-                .map(|axis| interpolate_value(self.added_acceleration_m_s2[axis], later.added_acceleration_m_s2[axis])),
             disturbing_acceleration_m_s2: interpolate_value(
                 self.disturbing_acceleration_m_s2,
                 later.disturbing_acceleration_m_s2,

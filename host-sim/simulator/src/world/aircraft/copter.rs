@@ -128,7 +128,6 @@ impl Copter {
             sideslip_rad: 0.0,
             north_m_s: self.velocity_m_s[0],
             east_m_s: self.velocity_m_s[1],
-            added_acceleration_m_s2: [0.0; 2],
             disturbing_acceleration_m_s2: libm::hypot(acceleration[0], acceleration[1]),
             // Rotor power is proportional to thrust^(3/2) (momentum theory).
             current_ratio: libm::pow(thrust, 1.5),

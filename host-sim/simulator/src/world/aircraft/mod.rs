@@ -174,7 +174,6 @@ impl Aircraft {
             sideslip_rad,
             north_m_s,
             east_m_s,
-            added_acceleration_m_s2,
             disturbing_acceleration_m_s2: push_m_s2,
             current_ratio: current,
         } = motion;
@@ -191,7 +190,6 @@ impl Aircraft {
             east_m: before.east_m + east_m_s * STEP_S,
             north_m_s,
             east_m_s,
-            added_acceleration_m_s2,
             disturbing_acceleration_m_s2: push_m_s2,
             relative_current: current,
         };

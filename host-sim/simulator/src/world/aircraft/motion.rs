@@ -17,8 +17,6 @@ pub struct Motion {
     pub sideslip_rad: f64,
     pub north_m_s: f64,
     pub east_m_s: f64,
-    /// Acceleration beside that of the velocity over ground, north and east, m/s^2.
-    pub added_acceleration_m_s2: [f64; 2],
     pub disturbing_acceleration_m_s2: f64,
     pub current_ratio: f64,
 }

@@ -80,7 +80,6 @@ impl Plane {
             north_m_s: airspeed_m_s * cos_course + wind_north_m_s,
             east_m_s: airspeed_m_s * sin_course + wind_east_m_s,
             // The attitude source's `turn_error` covers the turn acceleration.
-            added_acceleration_m_s2: [0.0; 2],
             disturbing_acceleration_m_s2: 0.0,
             // Induced drag is proportional to the square of the load factor.
             current_ratio: square(libm::cos(roll_rad)).recip(),

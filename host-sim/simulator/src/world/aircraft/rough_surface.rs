@@ -53,11 +53,22 @@ impl Surface {
 
     /// Slope to the north and to the east, upward positive (height over distance).
     pub fn surface_slope(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> [f64; 2] {
+        self.sum_of_waves(|wave| wave.slope * libm::cos(wave.phase_at([north_m, east_m], time_s)))
+    }
+
+    /// Velocity of the water at the surface to the north and to the east, m/s, of waves in deep water: `g slope / w`.
+    pub fn orbital_velocity(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> [f64; 2] {
+        self.sum_of_waves(|wave| {
+            let speed_m_s = GRAVITY_M_S2 * wave.slope / wave.frequency_rad_s;
+            speed_m_s * libm::sin(wave.phase_at([north_m, east_m], time_s))
+        })
+    }
+
+    /// Sum of a component along the direction of each wave, north and east.
+    fn sum_of_waves(&self, component: impl Fn(&Wave) -> f64) -> [f64; 2] {
         self.0.iter().fold([0.0; 2], |sum, wave| {
-            let [number_north, number_east] = wave.rad_per_m;
-            let phase_rad = number_north * north_m + number_east * east_m - wave.frequency_rad_s * time_s;
-            let slope = wave.slope * libm::cos(phase_rad + wave.phase_rad);
-            [sum[0] + slope * wave.direction[0], sum[1] + slope * wave.direction[1]]
+            let component = component(wave);
+            [sum[0] + component * wave.direction[0], sum[1] + component * wave.direction[1]]
         })
     }
 }
@@ -76,6 +87,11 @@ impl Wave {
             frequency_rad_s: 0.0,
             phase_rad: random.uniform(0.0, TAU),
         }
+    }
+
+    fn phase_at(&self, [north_m, east_m]: [f64; 2], time_s: f64) -> f64 {
+        let [number_north, number_east] = self.rad_per_m;
+        number_north * north_m + number_east * east_m - self.frequency_rad_s * time_s + self.phase_rad
     }
 }
 

@@ -45,7 +45,6 @@ impl Rover {
             sideslip_rad: 0.0,
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
-            added_acceleration_m_s2: [0.0; 2],
             disturbing_acceleration_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
             current_ratio: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
         }
