@@ -6,8 +6,10 @@
 //!
 //! ```text
 //! tilt'     = -(R (gyro_offset + diag(w) scale))_xy
-//! velocity' = tilt x f - R accelerometer_offset
+//! velocity' = tilt x f - R accelerometer_offset + (R gyro_offset)_z z x v
 //! ```
+//!
+//! The last term, with a known velocity `v`: the navigation frame turns with the gyro's error about the vertical.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
 
@@ -65,6 +67,8 @@ pub(super) struct StepIntegrals {
     pub rotated_rates_rad: Matrix3<f32>,
     /// Specific force, navigation frame, m/s.
     pub force_m_s: Vector3<f32>,
+    /// Horizontal velocity, navigation frame, m/s, if it is known.
+    pub known_velocity_m_s: Option<[f32; 2]>,
 }
 
 /// Error-state Kalman filter. The mean is zero between two steps.
@@ -87,6 +91,10 @@ impl ErrorFilter {
         // The velocity first: it grows with the tilt at the start of the step.
         self.propagate_block::<3, 2>(VELOCITY, 0, &tilt_to_velocity);
         self.propagate_block::<3, 3>(VELOCITY, ACCELEROMETER_OFFSET, &-step.rotation_s);
+        if let Some([north_m_s, east_m_s]) = step.known_velocity_m_s {
+            let turned = SMatrix::<f32, 2, 1>::new(-east_m_s, north_m_s) * step.rotation_s.fixed_rows::<1>(2);
+            self.propagate_block::<2, 3>(VELOCITY, GYRO_OFFSET, &turned);
+        }
         self.propagate_block::<2, 3>(0, GYRO_OFFSET, &-step.rotation_s.fixed_rows::<2>(0));
         self.propagate_block::<2, 3>(0, GYRO_SCALE, &-step.rotated_rates_rad.fixed_rows::<2>(0));
         for i in 0..ERROR_COUNT {

@@ -22,7 +22,7 @@ mod velocity_noise;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::time::Timestamp;
-use crate::trig::{DEG, square};
+use crate::trig::{DEG, hypot, square};
 pub use attitude_estimate::InertialAttitude;
 use error_filter::{ErrorFilter, ErrorVariances, StepIntegrals};
 use quaternion::{levelling_rotation, rotated_in_body, rotated_in_navigation};
@@ -76,6 +76,12 @@ const REST_RATE_DENSITY: f32 = ANGLE_RANDOM_WALK;
 /// Steadiest turn that could be rest, rad/s. Beyond it and the offset's uncertainty the mean rates are no offset.
 const MAX_OFFSET_CHANGE_RAD_S: f32 = 0.5 * DEG;
 
+/// Horizontal direction of a vector as a unit vector; that of the x axis of a vertical one.
+fn horizontal_direction(vector: &Vector3<f32>) -> Vector3<f32> {
+    let length = hypot(vector.x, vector.y);
+    if length > 0.0 { Vector3::new(vector.x / length, vector.y / length, 0.0) } else { Vector3::x() }
+}
+
 /// Sums over the samples of a step of the error filter.
 #[derive(Clone, Debug)]
 struct StepSums {
@@ -92,6 +98,7 @@ impl StepSums {
             rotation_s: Matrix3::zeros(),
             rotated_rates_rad: Matrix3::zeros(),
             force_m_s: Vector3::zeros(),
+            known_velocity_m_s: None,
         };
         Self { duration_s: 0.0, integrals, squared_rate: 0.0, squared_acceleration: 0.0 }
     }
@@ -183,7 +190,7 @@ impl AttitudeFilter {
             Some((updated_at, attitude)) if (1..=MAX_GAP_US).contains(&at.us_since(updated_at)) => {
                 let step_s = at.us_since(updated_at) as f32 * 1e-6;
                 self.attitude = Some((at, self.integrate_sample(&attitude, sample, step_s)));
-                self.rest_detector.update(sample, step_s);
+                self.rest_detector.update(sample, speed_m_s, step_s);
                 self.advance_step(speed_m_s);
             }
             _ => self.start_at(at, sample),
@@ -237,7 +244,9 @@ impl AttitudeFilter {
                 }
             }
             None if self.step.duration_s >= ERROR_STEP_S => {
-                let step = core::mem::replace(&mut self.step, StepSums::new());
+                let mut step = core::mem::replace(&mut self.step, StepSums::new());
+                step.integrals.known_velocity_m_s =
+                    self.is_speed_known.then_some([self.velocity_m_s.x, self.velocity_m_s.y]);
                 self.error_filter.propagate(&step.integrals, &step.process_noise(self.sensor_errors.gyro_cross_axis));
                 self.due_measurement = Some((Measurement::Velocity, step.duration_s));
             }
@@ -249,7 +258,8 @@ impl AttitudeFilter {
     #[inline(never)]
     fn measure_velocity(&mut self, speed_m_s: Option<f32>, step_s: f32) {
         let Some((_, attitude)) = self.attitude else { return };
-        let reference_m_s = speed_m_s.map_or_else(Vector3::zeros, |speed_m_s| attitude * Vector3::x() * speed_m_s);
+        let reference_m_s = speed_m_s
+            .map_or_else(Vector3::zeros, |speed_m_s| horizontal_direction(&(attitude * Vector3::x())) * speed_m_s);
         if speed_m_s.is_some() != self.is_speed_known {
             self.is_speed_known = speed_m_s.is_some();
             self.velocity_m_s = reference_m_s;

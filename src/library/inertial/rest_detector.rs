@@ -14,6 +14,9 @@ const MAX_FORCE_DEVIATION_M_S2: f32 = 0.3;
 /// Duration of small deviations that is rest, seconds. A slow sway changes its rate within that time.
 const HOLD_S: f32 = 1.0;
 
+/// Highest speed at rest, m/s: noise of a satellite receiver.
+const MAX_SPEED_M_S: f32 = 0.5;
+
 /// Time constant of the means, seconds.
 const MEAN_TIME_S: f32 = 0.5;
 
@@ -27,14 +30,16 @@ pub(super) struct RestDetector {
 impl RestDetector {
     pub const INITIAL: Self = Self { mean: None, quiet_s: 0.0 };
 
-    pub fn update(&mut self, sample: &InertialSample, step_s: f32) {
+    /// A vehicle with a known speed is not at rest: it may turn steadily.
+    pub fn update(&mut self, sample: &InertialSample, speed_m_s: Option<f32>, step_s: f32) {
         let mean = self.mean.get_or_insert(*sample);
         let weight = (step_s / MEAN_TIME_S).min(1.0);
         let rate_deviation = sample.rates_rad_s - mean.rates_rad_s;
         let force_deviation = sample.specific_force_m_s2 - mean.specific_force_m_s2;
         mean.rates_rad_s += rate_deviation * weight;
         mean.specific_force_m_s2 += force_deviation * weight;
-        let is_quiet = rate_deviation.vector_length() < MAX_RATE_DEVIATION_RAD_S
+        let is_quiet = speed_m_s.unwrap_or_default() < MAX_SPEED_M_S
+            && rate_deviation.vector_length() < MAX_RATE_DEVIATION_RAD_S
             && force_deviation.vector_length() < MAX_FORCE_DEVIATION_M_S2;
         self.quiet_s = if is_quiet { self.quiet_s + step_s } else { 0.0 };
     }

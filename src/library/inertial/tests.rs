@@ -169,8 +169,8 @@ fn errors_are_small_and_their_sigmas_right() {
 fn a_known_speed_removes_the_centripetal_acceleration() {
     let [known_deg, unknown_deg] = [Some(20.0), None].map(|speed_m_s| {
         let mut run = Run::new(circling, 1);
-        run.speed_m_s = speed_m_s;
         run.run_for_s(5);
+        run.speed_m_s = speed_m_s;
         let mut mean_sigma_deg = 0.0;
         for _ in 0..120 {
             run.run_for_s(1);
@@ -195,6 +195,22 @@ fn rest_measures_the_offset_and_a_steady_turn_does_not() {
         run.run_for_s(duration_s);
         let error = Vector3::from(run.filter.sensor_offsets().gyro_rad_s) - run.sensor.gyro_offset_rad_s;
         assert!(error.norm() < 0.05 * DEG, "still {is_still}: {}", error.norm() / DEG);
+    }
+}
+
+/// A vehicle that is steady but known to move may turn: what the gyro measures is not its offset. An offset about the vertical then
+/// acts as a centripetal acceleration, which is in the sigma.
+#[test]
+fn a_moving_vehicle_is_not_at_rest() {
+    let mut run = Run::new(circling, 3);
+    run.speed_m_s = Some(20.0);
+    run.run_for_s(5);
+    let estimate_rad_s = run.filter.sensor_offsets().gyro_rad_s[2];
+    assert!(estimate_rad_s.abs() < 0.1 * run.sensor.gyro_offset_rad_s.z.abs(), "{estimate_rad_s}");
+    for _ in 0..60 {
+        run.run_for_s(1);
+        let (error_deg, sigma_deg) = (run.tilt_error_deg(), run.tilt_sigma_deg());
+        assert!(error_deg < 4.0 * sigma_deg, "{error_deg} {sigma_deg}");
     }
 }
 
