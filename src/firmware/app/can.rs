@@ -84,7 +84,7 @@ pub async fn run_can<B: UpdateHandOver>(
         node.refuse_updates();
     }
     tx.set_termination(settings.can.is_terminated);
-    node.set_signing_key(settings.signing_key);
+    node.mavlink().set_signing_key(settings.signing_key);
     let poll_function = if is_safe_mode { poll_in_safe_mode } else { poll_can_node };
     let mut poll_at = Instant::now();
     loop {
@@ -108,7 +108,7 @@ pub async fn run_can<B: UpdateHandOver>(
         if let Some(changed) = changes.try_changed() {
             settings = changed;
             tx.set_termination(settings.can.is_terminated);
-            node.set_signing_key(settings.signing_key);
+            node.mavlink().set_signing_key(settings.signing_key);
         }
         match event {
             Either4::First(()) => {
@@ -148,13 +148,14 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     links.set_can_state(node.can_state(now));
     if let Some(action) = links.take_autopilot_action(AutopilotLine::Can) {
-        node.begin_autopilot_action(action);
+        node.mavlink().begin_autopilot_action(action);
     }
-    if let Some(message) = node.take_message(now) {
+    if let Some(message) = node.mavlink().take_message(now) {
         links.broadcast_message(&message);
     }
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
-    let correction = calibration_to_report(links, |calibration| node.is_unreported_calibration(calibration));
+    let mavlink = node.mavlink();
+    let correction = calibration_to_report(links, |calibration| mavlink.is_unreported_calibration(calibration));
     let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings })
     });

@@ -3,7 +3,7 @@
 use crate::port::mavlink::Mavlink;
 use crate::port::msp::Msp;
 use crate::port::nmea::Nmea;
-use crate::port::protocol::{Protocol, ReceivedMessage};
+use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use autoswing::attitude::HAS_OWN_ATTITUDE;

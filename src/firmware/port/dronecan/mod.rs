@@ -25,22 +25,22 @@ mod tunnel;
 mod vehicle_reports;
 
 use crate::health::CanState;
+use crate::port::mavlink::Mavlink;
 use crate::port::message_schedule::MessageSchedule;
-use crate::port::protocol::{Protocol as _, ReceivedMessage};
+use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::wire::dronecan::outbound::{self, BusCounts, NodeInfo};
 use crate::wire::dronecan::{
     BusMessage, CanFrame, DataType, FrameHeader, InboundTransfer, NodeId, TransferReceiver, priority,
 };
 use allocation::AllocationClient;
-use autoswing::calibration::Calibration;
 use autoswing::frames::{Body, Field};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
 use autoswing::trig::sqrt;
-use autoswing_module::compass::{AutopilotAction, Command};
+use autoswing_module::compass::Command;
 use autoswing_module::messages::{Message as Notice, Refusal};
-use autoswing_module::settings::{CanSettings, Settings, SigningKey};
+use autoswing_module::settings::{CanSettings, Settings};
 pub use firmware_update::{BOOT_LOADER_HANDOVER_LENGTH, UpdateForBootLoader};
 use frame_outbox::FrameOutbox;
 use log_message_queue::LogMessageQueue;
@@ -241,25 +241,9 @@ impl CanNode {
         self.tunnel.mavlink.queue_text(message);
     }
 
-    /// Takes a message about the autopilot at the other end of the tunnel, for all users.
-    pub fn take_message(&mut self, now: Timestamp) -> Option<Notice> {
-        self.tunnel.mavlink.take_message(now)
-    }
-
-    /// Begins an action on the autopilot at the other end of the tunnel.
-    pub fn begin_autopilot_action(&mut self, action: AutopilotAction) {
-        self.tunnel.mavlink.begin_autopilot_action(action);
-    }
-
-    /// Sets or removes the key of MAVLink's signatures.
-    pub fn set_signing_key(&mut self, key: Option<SigningKey>) {
-        self.tunnel.mavlink.set_signing_key(key);
-    }
-
-    /// Whether a calibration differs from the last one reported by MAVLink.
-    #[must_use]
-    pub fn is_unreported_calibration(&self, calibration: &Calibration) -> bool {
-        self.tunnel.mavlink.is_unreported_calibration(calibration)
+    /// MAVLink of the autopilot at the other end of the tunnel.
+    pub const fn mavlink(&mut self) -> &mut Mavlink {
+        &mut self.tunnel.mavlink
     }
 
     /// Whether the vehicle is armed, if another node has reported that recently; `armed` of either report counts.

@@ -1,7 +1,7 @@
 //! MAVLink of a serial line of the autopilot, carried by the bus.
 
 use crate::port::mavlink::Mavlink;
-use crate::port::protocol::{Protocol as _, ReceivedMessage};
+use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::dronecan::{InboundTransfer, NodeId, Payload, Targetted};

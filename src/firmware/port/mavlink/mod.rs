@@ -31,7 +31,7 @@ mod wanted_parameters;
 use mavlink_dialect::MavState;
 
 use crate::port::message_schedule::MessageSchedule;
-use crate::port::protocol::{Protocol, ReceivedMessage};
+use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, ParameterRequest, Pose};
@@ -237,23 +237,28 @@ fn is_addressed_to(target: Address, module_address: Address) -> bool {
         && [0, module_address.component_id].contains(&target.component_id)
 }
 
-impl Protocol for Mavlink {
-    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+impl Mavlink {
+    /// Processes a received byte; returns the message that it completes.
+    pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         let message = self.receiver.push_byte(byte)?;
         Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
     }
 
-    fn is_armed(&self, now: Timestamp) -> Option<bool> {
+    /// Whether the autopilot is armed, if it has reported that recently.
+    #[must_use]
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
         self.sender_selector.is_armed(now)
     }
 
-    fn rejected_frame_count(&self) -> u32 {
+    /// Number of broken or impossible frames since the start; wraps.
+    #[must_use]
+    pub fn rejected_frame_count(&self) -> u32 {
         self.receiver.rejected_count
     }
 
-    /// Appends one message at most, so that the other port's sentences of the same reading are not delayed. All
+    /// Appends the due message; called for every estimate, at least ten times a second. One message at most, so that the other port's sentences of the same reading are not delayed. All
     /// messages together are fewer than the slowest sensor's readings.
-    fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
         self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);

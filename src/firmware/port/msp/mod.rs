@@ -10,7 +10,7 @@
 //! while the module runs.
 
 use crate::port::message_schedule::MessageSchedule;
-use crate::port::protocol::{Protocol, ReceivedMessage};
+use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::msp::{
@@ -150,21 +150,27 @@ impl Msp {
     }
 }
 
-impl Protocol for Msp {
-    fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+impl Msp {
+    /// Processes a received byte; returns the message that it completes.
+    pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         let message = self.receiver.push_byte(byte)?;
         Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
     }
 
-    fn is_armed(&self, now: Timestamp) -> Option<bool> {
+    /// Whether the autopilot is armed, if it has reported that recently.
+    #[must_use]
+    pub fn is_armed(&self, now: Timestamp) -> Option<bool> {
         self.armed_report.filter(|(at, _)| now.us_since(*at) <= ARMED_EXPIRY_US).map(|(_, is_armed)| is_armed)
     }
 
-    fn rejected_frame_count(&self) -> u32 {
+    /// Number of broken or impossible frames since the start; wraps.
+    #[must_use]
+    pub fn rejected_frame_count(&self) -> u32 {
         self.receiver.rejected_count
     }
 
-    fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+    /// Appends due messages; called for every estimate, at least ten times a second.
+    pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
         if let Some(field) = snapshot.estimate.compass_field
             && self.compass_schedule.is_due(now, COMPASS_HZ)

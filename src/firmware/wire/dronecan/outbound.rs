@@ -3,6 +3,7 @@
 use super::bit_stream::BitWriter;
 use super::inbound::{GetSetValue, Targetted, UNIQUE_ID_LENGTH};
 use super::transfer::Payload;
+use autoswing_module::messages::Severity;
 
 /// Health of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -228,23 +229,18 @@ pub fn transport_stats(transfers: BusCounts, frames: BusCounts) -> Payload {
     out.into_payload()
 }
 
-/// Level of a text.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LogLevel {
-    /// The pilot need not act.
-    Info = 1,
-    /// The pilot must act.
-    Warning = 2,
-}
-
 /// Largest length of a text, bytes.
 pub const MAX_LOG_TEXT_LENGTH: usize = 90;
 
 /// Text for people; `source` of at most 31 and `text` of at most 90 bytes.
 #[must_use]
-pub fn log_message(level: LogLevel, source: &str, text: &[u8]) -> Payload {
+pub fn log_message(severity: Severity, source: &str, text: &[u8]) -> Payload {
+    let level = match severity {
+        Severity::Info => 1,
+        Severity::Warning => 2,
+    };
     let mut out = BitWriter::default();
-    out.put_bits(level as u64, 3);
+    out.put_bits(level, 3);
     out.put_bits(source.len() as u64, 5);
     out.put_bytes(source.as_bytes());
     out.put_bytes(text);

@@ -1,11 +1,12 @@
 //! Frames and payloads compared with those of pydronecan 1.0.27; node 42 is the compass, node 10 its peer.
 
 use super::outbound::{
-    self, LogLevel, NodeHealth, NodeInfo, NodeMode, NodeStatus, ParameterResponse, SoftwareVersion, UpdateResult,
+    self, NodeHealth, NodeInfo, NodeMode, NodeStatus, ParameterResponse, SoftwareVersion, UpdateResult,
 };
 use super::*;
 use autoswing::earth::{Date, Position};
 use autoswing::time::Timestamp;
+use autoswing_module::messages::Severity;
 
 fn node_id(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
@@ -91,7 +92,7 @@ fn status_texts_and_results_are_those_of_pydronecan() {
     assert_frames(&outbound_message(DataType::NODE_STATUS, 3, warning), 0x1801_552A, "78 56 34 12 40 EF BE C3");
     let failed = NodeStatus { health: NodeHealth::Error, node_mode: NodeMode::SoftwareUpdate, ..STATUS };
     assert_eq!(failed.payload()[4], 0b1001_1000);
-    let text = outbound_message(DataType::LOG_MESSAGE, 0, outbound::log_message(LogLevel::Info, "mag", b"ok"));
+    let text = outbound_message(DataType::LOG_MESSAGE, 0, outbound::log_message(Severity::Info, "mag", b"ok"));
     assert_frames(&text, 0x183F_FF2A, "23 6D 61 67 6F 6B C0");
     let restarted = outbound_response(DataType::RESTART_NODE, 2, outbound::restart_result(true));
     assert_frames(&restarted, 0x1E05_0AAA, "80 C2");

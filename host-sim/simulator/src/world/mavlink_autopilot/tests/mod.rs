@@ -5,7 +5,7 @@ mod setup;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
-use autoswing_firmware::port::{Mavlink, Protocol, ReceivedMessage, Snapshot, TransmitBuffer};
+use autoswing_firmware::port::{Mavlink, ReceivedMessage, Snapshot, TransmitBuffer};
 use autoswing_module::compass::{Command, IndicatorState};
 use autoswing_module::settings::Settings;
 
