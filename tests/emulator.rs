@@ -80,7 +80,7 @@ fn count_sentences(emulator: &mut Emulator, seconds: f64) -> (usize, usize) {
         .instrument_cable()
         .receive_timed()
         .into_iter()
-        .filter_map(|timed_byte| reader.push_byte(timed_byte.arrives_at_us, timed_byte.byte))
+        .filter_map(|timed_byte| reader.push_byte(timed_byte.byte))
         .collect();
     let headings = received.iter().filter(|sentence| sentence.heading_deg.is_some()).count();
     (headings, received.len() - headings)

@@ -121,7 +121,7 @@ pub fn received_sentences(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
     run_for_s(rig, seconds);
     let mut reader = SentenceReader::default();
     let bytes = rig.instrument.receive_timed();
-    let sentences = bytes.into_iter().filter_map(|byte| reader.push_byte(byte.arrives_at_us, byte.byte)).collect();
+    let sentences = bytes.into_iter().filter_map(|byte| reader.push_byte(byte.byte)).collect();
     assert!(reader.invalid_lines <= 1, "{} broken lines", reader.invalid_lines);
     sentences
 }

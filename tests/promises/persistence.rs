@@ -3,13 +3,13 @@
 use autoswing::calibration::Calibration;
 use autoswing::frames::{Field, RollPitch, wrap_pi};
 use autoswing_firmware::health::ResetCause;
-use simulator::devices::nor_flash::CutOutcome;
 use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::rig::Rig;
 use simulator::transcript::{self, SolveNotice};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
+use testkit::flash::CutProgress;
 
 use crate::fixtures::{
     append_routine, calibrated_rig, fly_turns, full_status, run_until_legs_end, shown_calibration, status_line,
@@ -29,17 +29,17 @@ fn a_calibration_survives_a_restart_and_a_power_cut() {
     assert!(full_status(&mut rig).contains("ok calibrated"));
 }
 
-/// Power cuts at every third operation of the first save, of three kinds: it starts uncalibrated or with the complete
+/// Power cuts at every fourth operation of the first save, of four kinds: it starts uncalibrated or with the complete
 /// new calibration.
 #[test]
 fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
     let new = shown_calibration(&mut calibrated_rig()).unwrap();
     let mut outcome_counts = [0, 0];
-    for operations in (0..40).step_by(3) {
-        for outcome in CutOutcome::ALL_OUTCOMES {
+    for operations in (0..40).step_by(4) {
+        for cut in CutProgress::ALL {
             let mut rig = Rig::new(WorldConfig::of_table1(3));
             rig.run_for_s(1.0);
-            rig.cut_power_after(operations, outcome);
+            rig.cut_power_after(operations, cut);
             if fly_turns(&mut rig).is_some() {
                 continue; // The save was over before the cut.
             }
@@ -49,7 +49,7 @@ fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
             let loaded_calibration = shown_calibration(&mut rig);
             assert!(
                 loaded_calibration.is_none() || loaded_calibration.as_ref() == Some(&new),
-                "after {operations} {outcome:?}: {loaded_calibration:?}"
+                "after {operations} {cut:?}: {loaded_calibration:?}"
             );
             outcome_counts[usize::from(loaded_calibration.is_some())] += 1;
         }
@@ -64,8 +64,8 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
     let old = shown_calibration(&mut rig).unwrap();
     let mut power_cuts = 0;
     for operations in 0..52 {
-        for outcome in CutOutcome::ALL_OUTCOMES {
-            rig.cut_power_after(operations, outcome);
+        for cut in CutProgress::ALL {
+            rig.cut_power_after(operations, cut);
             rig.console.send_bytes(format!("stream rate {}\r", 10 + operations).as_bytes());
             if rig.run_for_s(0.5) == ModuleRunEnd::PowerCut {
                 power_cuts += 1;
@@ -74,11 +74,11 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
             rig.power_on(ResetCause::PowerOn);
             rig.run_for_s(0.5);
             rig.take_console_output();
-            assert_eq!(shown_calibration(&mut rig).unwrap(), old, "after {operations} {outcome:?}");
+            assert_eq!(shown_calibration(&mut rig).unwrap(), old, "after {operations} {cut:?}");
         }
     }
-    // A save of settings erases a page and programs 15 double words; each is cut in three ways.
-    assert!(power_cuts >= 48, "the save was cut {power_cuts} times");
+    // A save of settings erases a page and programs 15 double words; each is cut in four ways.
+    assert!(power_cuts >= 64, "the save was cut {power_cuts} times");
 }
 
 #[test]

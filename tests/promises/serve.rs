@@ -47,7 +47,7 @@ fn received_headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Opti
 
 fn parse_sentences(bytes: &[u8]) -> Vec<Option<f64>> {
     let mut reader = SentenceReader::default();
-    let received = bytes.iter().filter_map(|&byte| reader.push_byte(0, byte));
+    let received = bytes.iter().filter_map(|&byte| reader.push_byte(byte));
     received.filter(|sentence| sentence.sentence_kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
 }
 

@@ -244,9 +244,8 @@ impl<M: Module> Mission<'_, M> {
             while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
                 (self.on_progress)(MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument_cable().receive_timed() {
-                    let Some(received) = reader
-                        .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
-                        .filter(|sentence| sentence.sentence_kind == "PASWH")
+                    let Some(received) =
+                        reader.push_byte(timed_byte.byte).filter(|sentence| sentence.sentence_kind == "PASWH")
                     else {
                         continue;
                     };

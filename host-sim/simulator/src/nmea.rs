@@ -3,8 +3,6 @@
 /// Values of a received heading sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadingSentence {
-    /// Arrival time of its last byte, microseconds of simulation time.
-    pub arrived_at_us: u64,
     /// Talker and sentence type: `HCHDM`, `HCHDG`, `HCHDT` or `PASWH`.
     pub sentence_kind: String,
     /// Heading in degrees, true in `HCHDT`, otherwise magnetic; `None` if the field is empty.
@@ -27,19 +25,19 @@ pub struct SentenceReader {
 
 impl SentenceReader {
     /// Processes a byte and returns a completed valid sentence.
-    pub fn push_byte(&mut self, at_us: u64, byte: u8) -> Option<HeadingSentence> {
+    pub fn push_byte(&mut self, byte: u8) -> Option<HeadingSentence> {
         if byte != b'\n' {
             self.line.push(byte);
             return None;
         }
         let line = std::mem::take(&mut self.line);
-        let received = parse_sentence(at_us, &line);
+        let received = parse_sentence(&line);
         self.invalid_lines += u32::from(received.is_none());
         received
     }
 }
 
-fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
+fn parse_sentence(line: &[u8]) -> Option<HeadingSentence> {
     let line = std::str::from_utf8(line).ok()?.strip_suffix('\r')?;
     let (body, checksum) = line.strip_prefix('$')?.rsplit_once('*')?;
     let xor_sum = body.bytes().fold(0, |xor_sum, byte| xor_sum ^ byte);
@@ -58,14 +56,7 @@ fn parse_sentence(at_us: u64, line: &[u8]) -> Option<HeadingSentence> {
     } else {
         (None, None, None)
     };
-    Some(HeadingSentence {
-        arrived_at_us: at_us,
-        sentence_kind,
-        heading_deg,
-        sigma_deg,
-        status,
-        heading_kind: heading_kind_field,
-    })
+    Some(HeadingSentence { sentence_kind, heading_deg, sigma_deg, status, heading_kind: heading_kind_field })
 }
 
 #[cfg(test)]
@@ -74,7 +65,7 @@ mod tests {
 
     fn read_sentences(text: &str) -> (Vec<HeadingSentence>, u32) {
         let mut reader = SentenceReader::default();
-        let received = text.bytes().filter_map(|byte| reader.push_byte(7, byte)).collect();
+        let received = text.bytes().filter_map(|byte| reader.push_byte(byte)).collect();
         (received, reader.invalid_lines)
     }
 

@@ -29,8 +29,6 @@ pub enum StreamPurpose {
     AttitudeBias = 8,
     /// Magnetometer noise.
     Magnetometer = 9,
-    /// Effects of power cuts on flash.
-    Flash = 10,
     /// Noise of held-back samples.
     HeldBack = 12,
     /// Magnetometer faults.

@@ -15,6 +15,7 @@ use autoswing_module::settings::{PORT_COUNT, PortNumber};
 use autoswing_module::store::Store;
 use embassy_time::{Duration, Timer};
 use testkit::clock;
+use testkit::flash::CutProgress;
 use testkit::simulation::{ExecutorLevel, RunEnd, Simulation, Stop};
 
 use crate::devices::can::CanEnd;
@@ -189,7 +190,7 @@ impl Rig {
             autopilot,
             instrument,
             port_devices,
-            flash: SimulatedFlash::new(STORE_PAGES, config.seed),
+            flash: SimulatedFlash::new(STORE_PAGES),
             magnetometer,
             inertial_sensor,
             panel: SimulatedPanel::default(),
@@ -299,8 +300,8 @@ impl Rig {
     }
 
     /// Schedules a power cut during the flash operation after `operations` more.
-    pub fn cut_power_after(&mut self, operations: u32, outcome: crate::devices::nor_flash::CutOutcome) {
-        self.flash.cut_power_after(operations, outcome, self.simulation.stop_handle());
+    pub fn cut_power_after(&mut self, operations: usize, cut: (CutProgress, u64)) {
+        self.flash.cut_power_after(operations, cut, self.simulation.stop_handle());
     }
 }
 

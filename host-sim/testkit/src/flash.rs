@@ -1,5 +1,5 @@
 //! NOR flash in memory with the rules of the STM32L4, power cuts and read/write faults. Operations take no time, so
-//! tests can run thousands of saves.
+//! tests can run thousands of saves; the simulator's flash adds the times.
 
 use std::future::pending;
 use std::ops::Range;
@@ -8,7 +8,10 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorF
 
 use crate::random::Random;
 
-const WORD_BYTES: usize = 8;
+/// Size of a double word, bytes.
+pub const WORD_BYTES: usize = 8;
+
+const ERASED: u8 = 0xFF;
 
 /// Progress of the operation that a power cut interrupts.
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +76,8 @@ pub struct RamFlash<const PAGE_BYTES: usize> {
     pub unreadable: Option<(Range<usize>, usize)>,
     /// Programming fault, if any.
     pub silent_fault: Option<SilentFault>,
+    /// Double words programmed since the last erase, also with all ones: that writes the error-correcting code.
+    programmed_words: Vec<bool>,
     cut: Option<(usize, CutProgress)>,
     noise: Random,
 }
@@ -81,8 +86,10 @@ impl<const PAGE_BYTES: usize> RamFlash<PAGE_BYTES> {
     /// An erased flash with `pages` pages.
     #[must_use]
     pub fn new(pages: usize) -> Self {
-        let bytes = vec![0xFF; PAGE_BYTES * pages];
-        Self { bytes, operation_count: 0, unreadable: None, silent_fault: None, cut: None, noise: Random(1) }
+        let bytes = vec![ERASED; PAGE_BYTES * pages];
+        let programmed_words = vec![false; bytes.len() / WORD_BYTES];
+        let (unreadable, silent_fault, cut) = (None, None, None);
+        Self { bytes, operation_count: 0, unreadable, silent_fault, programmed_words, cut, noise: Random(1) }
     }
 
     /// A copy whose power fails at an operation counted from 0.
@@ -97,23 +104,80 @@ impl<const PAGE_BYTES: usize> RamFlash<PAGE_BYTES> {
         Self { operation_count: 0, cut: None, unreadable: None, silent_fault: None, ..self.clone() }
     }
 
+    /// Whether the power fails at the next operation, or has failed.
+    #[must_use]
+    pub fn is_cut_due(&self) -> bool {
+        self.cut.is_some_and(|(at, _)| self.operation_count >= at)
+    }
+
+    /// Programs a double word.
+    ///
+    /// # Errors
+    ///
+    /// It is not erased, or the power fails.
+    ///
+    /// # Panics
+    ///
+    /// It is not one aligned double word.
+    pub fn program_word(&mut self, start: usize, word: &[u8]) -> Result<(), FlashFault> {
+        assert!(start.is_multiple_of(WORD_BYTES) && word.len() == WORD_BYTES, "{start} {}", word.len());
+        if self.programmed_words[start / WORD_BYTES] || self.bytes[start..start + WORD_BYTES] != [ERASED; WORD_BYTES] {
+            return Err(FlashFault::NotErased);
+        }
+        self.write_cells(start, word, true)
+    }
+
+    /// Erases a page.
+    ///
+    /// # Errors
+    ///
+    /// The power fails.
+    ///
+    /// # Panics
+    ///
+    /// `start` is not that of a page.
+    pub fn erase_page(&mut self, start: usize) -> Result<(), FlashFault> {
+        assert!(start.is_multiple_of(PAGE_BYTES), "{start}");
+        self.write_cells(start, &[ERASED; PAGE_BYTES], false)
+    }
+
     /// Writes `target` at `start`, unless the power fails.
-    fn write_cells(&mut self, start: usize, target: &[u8]) -> Result<(), FlashFault> {
+    fn write_cells(&mut self, start: usize, target: &[u8], is_programming: bool) -> Result<(), FlashFault> {
         let cut = match self.cut {
             Some((at, _)) if self.operation_count > at => return Err(FlashFault::NoPower),
             Some((at, cut)) if self.operation_count == at => Some(cut),
             _ => None,
         };
         self.operation_count += 1;
-        for (byte, &target) in self.bytes[start..].iter_mut().zip(target) {
-            let changed = match cut {
-                None | Some(CutProgress::After) => 0xFF,
-                Some(CutProgress::Before) => 0,
-                Some(CutProgress::Torn) => self.noise.byte(),
-            };
-            *byte = (*byte & !changed) | (target & changed);
-        }
+        self.change_cells(start, target, is_programming, cut.unwrap_or(CutProgress::After));
         if cut.is_some() { Err(FlashFault::NoPower) } else { Ok(()) }
+    }
+
+    /// Leaves an operation incomplete: each double word as before, complete, or with a part of its bits changed.
+    pub fn tear_operation(&mut self, start: usize, target: &[u8], is_programming: bool) {
+        self.change_cells(start, target, is_programming, CutProgress::Torn);
+    }
+
+    fn change_cells(&mut self, start: usize, target: &[u8], is_programming: bool, progress: CutProgress) {
+        const NONE: [u8; WORD_BYTES] = [0; WORD_BYTES];
+        const ALL: [u8; WORD_BYTES] = [0xFF; WORD_BYTES];
+        for (start, target) in (start..).step_by(WORD_BYTES).zip(target.chunks_exact(WORD_BYTES)) {
+            let changed = match progress {
+                CutProgress::Before => NONE,
+                CutProgress::After => ALL,
+                CutProgress::Torn => match self.noise.bits() % 3 {
+                    0 => NONE,
+                    1 => ALL,
+                    _ => self.noise.bits().to_le_bytes(),
+                },
+            };
+            for ((byte, target), changed) in self.bytes[start..start + WORD_BYTES].iter_mut().zip(target).zip(changed) {
+                *byte = (*byte & !changed) | (target & changed);
+            }
+            let is_programmed = &mut self.programmed_words[start / WORD_BYTES];
+            *is_programmed =
+                if is_programming { *is_programmed || changed != NONE } else { *is_programmed && changed != ALL };
+        }
     }
 }
 
@@ -126,6 +190,9 @@ impl<const PAGE_BYTES: usize> ReadNorFlash for RamFlash<PAGE_BYTES> {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashFault> {
         let range = offset as usize..offset as usize + bytes.len();
+        if self.cut.is_some_and(|(at, _)| self.operation_count > at) {
+            return Err(FlashFault::NoPower);
+        }
         if let Some((bad_range, remaining_failures)) = &mut self.unreadable
             && *remaining_failures > 0
             && range.start < bad_range.end
@@ -153,23 +220,18 @@ impl<const PAGE_BYTES: usize> NorFlash for RamFlash<PAGE_BYTES> {
             Some(SilentFault::WritesHang) => pending().await,
             Some(SilentFault::WritesAltered) | None => {}
         }
-        (from as usize..to as usize)
-            .step_by(PAGE_BYTES)
-            .try_for_each(|page| self.write_cells(page, &[0xFF; PAGE_BYTES]))
+        (from as usize..to as usize).step_by(PAGE_BYTES).try_for_each(|page| self.erase_page(page))
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashFault> {
-        for (start, word) in (offset as usize..).step_by(WORD_BYTES).zip(bytes.chunks_exact(WORD_BYTES)) {
-            if self.bytes[start..start + WORD_BYTES] != [0xFF; WORD_BYTES] {
-                return Err(FlashFault::NotErased);
-            }
+        for (start, word) in (offset as usize..).step_by(WORD_BYTES).zip(bytes.chunks(WORD_BYTES)) {
             match self.silent_fault {
-                None => self.write_cells(start, word)?,
+                None => self.program_word(start, word)?,
                 Some(SilentFault::WritesIgnored) => {}
                 Some(SilentFault::WritesHang) => pending().await,
                 Some(SilentFault::WritesAltered) => {
                     let altered: Vec<u8> = word.iter().map(|byte| byte & !0x10).collect();
-                    self.write_cells(start, &altered)?;
+                    self.program_word(start, &altered)?;
                 }
             }
         }

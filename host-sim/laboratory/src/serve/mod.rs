@@ -264,8 +264,7 @@ impl ServedModule {
     /// Number of flash operations (programmed words and erased pages).
     #[must_use]
     pub fn flash_change_count(&self) -> u64 {
-        let wear = self.rig.flash.wear_counters();
-        wear.page_erases + wear.programmed_words
+        self.rig.flash.change_count()
     }
 
     fn status_text(&self) -> String {

@@ -271,9 +271,8 @@ fn fly_after_calibration(
         // The console erases the line before a note.
         notes.extend(printed.split("note ").skip(1).filter_map(|text| Some(text.split_once(": ")?.0.to_owned())));
         for timed_byte in rig.instrument.receive_timed() {
-            if let Some(received) = reader
-                .push_byte(timed_byte.arrives_at_us, timed_byte.byte)
-                .filter(|sentence| sentence.sentence_kind == "PASWH")
+            if let Some(received) =
+                reader.push_byte(timed_byte.byte).filter(|sentence| sentence.sentence_kind == "PASWH")
             {
                 let true_heading_deg = rig.world.true_state(timed_byte.arrives_at_us).heading_deg();
                 on_sentence(timed_byte.arrives_at_us, &evaluated_sentence(received, true_heading_deg));

@@ -21,15 +21,11 @@ use crate::devices::sensor::FieldSource;
 use crate::random::{RandomStream, StreamPurpose};
 
 /// Address with the SA1 pin high, as on ST's boards.
-pub const ADDRESS_SA1_HIGH: u8 = 0x1E;
-/// Address with the SA1 pin low.
-pub const ADDRESS_SA1_LOW: u8 = 0x1C;
+const ADDRESS: u8 = 0x1E;
 
 /// Settings of a chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulatedLis3mdlConfig {
-    /// 7-bit I2C address.
-    pub address: u8,
     /// Seed of the noise.
     pub seed: u64,
     /// Noise relative to the data sheet; 0 leaves only quantisation.
@@ -38,7 +34,7 @@ pub struct SimulatedLis3mdlConfig {
 
 impl Default for SimulatedLis3mdlConfig {
     fn default() -> Self {
-        Self { address: ADDRESS_SA1_HIGH, seed: 0, noise_scale: 1.0 }
+        Self { seed: 0, noise_scale: 1.0 }
     }
 }
 
@@ -108,7 +104,7 @@ impl SimulatedLis3mdl {
 
 impl SimulatedI2cDevice for SimulatedLis3mdl {
     fn acknowledges_address(&self, address: u8) -> bool {
-        !self.is_silent && address == self.config.address
+        !self.is_silent && address == ADDRESS
     }
 
     fn write_bytes(&mut self, bytes: &[u8]) {

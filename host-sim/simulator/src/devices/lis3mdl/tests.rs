@@ -32,27 +32,26 @@ fn run_in_field<F: Future<Output = ()> + 'static>(
 
 async fn read_register(bus: &mut SimulatedI2cBus, register: u8) -> u8 {
     let mut value = [0];
-    bus.write_read(ADDRESS_SA1_HIGH, &[register], &mut value).await.unwrap();
+    bus.write_read(ADDRESS, &[register], &mut value).await.unwrap();
     value[0]
 }
 
 async fn write_register(bus: &mut SimulatedI2cBus, register: u8, value: u8) {
-    bus.write(ADDRESS_SA1_HIGH, &[register, value]).await.unwrap();
+    bus.write(ADDRESS, &[register, value]).await.unwrap();
 }
 
 async fn read_counts(bus: &mut SimulatedI2cBus) -> [i16; 3] {
     let mut bytes = [0; 6];
-    bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
+    bus.write_read(ADDRESS, &[READ_XYZ], &mut bytes).await.unwrap();
     [0, 2, 4].map(|low| i16::from_le_bytes([bytes[low], bytes[low + 1]]))
 }
 
 /// Ultra-high performance on all axes, 80 Hz (12.5 ms), 4 gauss, block data update, continuous.
 async fn start_continuous(bus: &mut SimulatedI2cBus) {
-    bus.write(ADDRESS_SA1_HIGH, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
+    bus.write(ADDRESS, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
 
-const NOISE_FREE: SimulatedLis3mdlConfig =
-    SimulatedLis3mdlConfig { address: ADDRESS_SA1_HIGH, seed: 1, noise_scale: 0.0 };
+const NOISE_FREE: SimulatedLis3mdlConfig = SimulatedLis3mdlConfig { seed: 1, noise_scale: 0.0 };
 
 #[test]
 fn reset_values_are_those_of_the_data_sheet() {
@@ -73,14 +72,14 @@ fn burst_write_and_read_follow_auto_increment_and_the_output_wraps() {
         assert_eq!(read_register(&mut bus, 0x24).await, 0x40);
         Timer::after_millis(13).await;
         let mut bytes = [0; 8];
-        bus.write_read(ADDRESS_SA1_HIGH, &[READ_XYZ], &mut bytes).await.unwrap();
+        bus.write_read(ADDRESS, &[READ_XYZ], &mut bytes).await.unwrap();
         // Field of 0.1, -0.2, 0.4 gauss at 6842 counts per gauss.
         assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), 684);
         assert_eq!(i16::from_le_bytes([bytes[2], bytes[3]]), -1368);
         assert_eq!(i16::from_le_bytes([bytes[4], bytes[5]]), 2737);
         assert_eq!(bytes[6..8], bytes[0..2], "after Z comes X again, not the temperature");
         let mut read_back = [0; 2];
-        bus.write_read(ADDRESS_SA1_HIGH, &[0x28], &mut read_back).await.unwrap();
+        bus.write_read(ADDRESS, &[0x28], &mut read_back).await.unwrap();
         assert_eq!(read_back[0], read_back[1], "without the increment bit the address stays");
     });
 }

@@ -23,18 +23,17 @@ impl MspRequest {
         (0x1F00..=0x1FFF).contains(&self.function_code)
     }
 
-    /// Instance, time stamp (ms) and field (milligauss) if the request is a compass sample.
-    pub fn compass_sample(&self) -> Option<(u8, u32, [i16; 3])> {
-        let [instance, t0, t1, t2, t3, x0, x1, y0, y1, z0, z1] = *self.payload.as_slice() else { return None };
+    /// Time stamp (ms) and field (milligauss) if the request is a compass sample.
+    pub fn compass_sample(&self) -> Option<(u32, [i16; 3])> {
+        let [_instance, t0, t1, t2, t3, x0, x1, y0, y1, z0, z1] = *self.payload.as_slice() else { return None };
         let field_mg = [[x0, x1], [y0, y1], [z0, z1]].map(i16::from_le_bytes);
-        (self.function_code == SENSOR_COMPASS).then_some((instance, u32::from_le_bytes([t0, t1, t2, t3]), field_mg))
+        (self.function_code == SENSOR_COMPASS).then_some((u32::from_le_bytes([t0, t1, t2, t3]), field_mg))
     }
 }
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct RequestReader {
     bytes: Vec<u8>,
-    pub crc_errors: u32,
 }
 
 impl RequestReader {
@@ -53,9 +52,6 @@ impl RequestReader {
         let request = MspRequest { function_code: u16::from_le_bytes([f0, f1]), payload: payload.to_vec() };
         let is_intact = crc_8_dvb_s2(&self.bytes[3..self.bytes.len() - 1]) == crc;
         self.bytes.clear();
-        if !is_intact {
-            self.crc_errors += 1;
-        }
         is_intact.then_some(request)
     }
 }

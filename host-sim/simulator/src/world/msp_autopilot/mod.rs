@@ -37,8 +37,6 @@ impl AnswerFaults {
 pub struct CompassSample {
     /// Reception time of the last byte, microseconds.
     pub received_at_us: u64,
-    /// Compass instance.
-    pub compass_instance: u8,
     /// Time stamp of the compass's own clock, milliseconds.
     pub time_ms: u32,
     /// Field forward, right, down, milligauss.
@@ -81,25 +79,14 @@ impl MspAutopilot {
     /// Processes a byte received at `at_us`.
     pub fn receive_byte(&mut self, at_us: u64, byte: u8) {
         let Some(request) = self.request_reader.push_byte(byte) else { return };
-        if let Some((instance, time_ms, field_mg)) = request.compass_sample() {
-            self.compass_samples.push(CompassSample {
-                received_at_us: at_us,
-                compass_instance: instance,
-                time_ms,
-                field_mg,
-            });
+        if let Some((time_ms, field_mg)) = request.compass_sample() {
+            self.compass_samples.push(CompassSample { received_at_us: at_us, time_ms, field_mg });
         } else if !request.is_sensor_function() {
             let delay_us = 1e3 * self.random.uniform(ANSWER_DELAY_RANGE_MS.0, ANSWER_DELAY_RANGE_MS.1);
             // Requests are answered in order.
             let after_us = self.waiting_requests.back().map_or(0, |(due_us, _)| *due_us);
             self.waiting_requests.push_back((after_us.max(at_us + delay_us as u64), request));
         }
-    }
-
-    /// Time of the next answer, microseconds; `None` without pending requests.
-    #[must_use]
-    pub fn next_answer_us(&self) -> Option<u64> {
-        self.waiting_requests.front().map(|(due_us, _)| *due_us)
     }
 
     /// Bytes of all answers due by `now_us`, with the present state.
@@ -115,12 +102,6 @@ impl MspAutopilot {
     /// Returns and clears the received compass samples.
     pub fn take_compass_samples(&mut self) -> Vec<CompassSample> {
         std::mem::take(&mut self.compass_samples)
-    }
-
-    /// Number of frames with a wrong CRC.
-    #[must_use]
-    pub fn crc_error_count(&self) -> u32 {
-        self.request_reader.crc_errors
     }
 
     fn answer_request(&self, request: &MspRequest, autopilot_state: &AutopilotState) -> MspAnswer {
