@@ -2,6 +2,7 @@
 //! ignored by default: cargo test --release --test emulator -- --ignored
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use autoswing_firmware::health::StackUse;
 use laboratory::emulator::{BenchTest, Emulator};
@@ -230,7 +231,7 @@ fn the_cause_of_a_crash_is_reported_after_the_restart() {
 fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     let image = image_path("mps2-an386-bench.elf");
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
-    let mut emulator = Emulator::start_with_port_devices(&image, WorldConfig::of_table1(1), far_ends).unwrap();
+    let mut emulator = Emulator::start_with(&image, WorldConfig::of_table1(1), far_ends, Arc::default()).unwrap();
     emulator.run_for_s(1.0);
     emulator.send_console_line("stream rate 20");
     emulator.request_bench_test(BenchTest::PanicAtStarts);
@@ -322,7 +323,8 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
         FarEnd::Msp(msp_autopilot::MspFirmware::ArduPilot, AnswerFaults::NO_FAULTS),
     ];
     let mut emulator =
-        Emulator::start_with_port_devices(&image_path("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends).unwrap();
+        Emulator::start_with(&image_path("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends, Arc::default())
+            .unwrap();
     emulator.run_for_s(1.0);
     assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
     emulator.run_for_s(10.0);
@@ -387,7 +389,7 @@ fn the_emulated_module_calibrates_itself_with_a_mavlink_autopilot() {
     let config = WorldConfig::of_table1(7);
     let config = WorldConfig { aircraft: VehicleConfig { kind: VehicleKind::Copter, ..config.aircraft }, ..config };
     let config = WorldConfig { reports_current: true, ..config.with_current_interference(12.0) };
-    let mut emulator = Emulator::start_with_port_devices(&image_path("mps2-an386.elf"), config, far_ends).unwrap();
+    let mut emulator = Emulator::start_with(&image_path("mps2-an386.elf"), config, far_ends, Arc::default()).unwrap();
     let AttachedDevice::Mavlink(autopilot) = emulator.port_devices[0].clone() else { panic!("no MAVLink there") };
     assert_eq!(emulator.run_for_s(8.0), ModuleRunEnd::Time);
     emulator.world().set_armed(true);

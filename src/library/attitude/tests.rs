@@ -131,15 +131,6 @@ fn extrapolation_uses_body_rates_with_their_signs() {
     }
 }
 
-/// The limit of extrapolation is 200 ms.
-#[test]
-fn extrapolation_is_limited() {
-    let track = history_of_one_report(RollPitch::default(), [10.0, 0.0, 0.0]);
-    assert!((roll_deg(track.attitude_at(timestamp(1_200_000))) - 2.0).abs() < 1e-3);
-    assert_eq!(track.attitude_at(timestamp(1_200_001)), AttitudeLookup::Stale);
-    assert_eq!(AttitudeHistory::new(CONFIG).attitude_at(timestamp(0)), AttitudeLookup::Stale);
-}
-
 /// The limit of interpolation is 250 ms.
 #[test]
 fn a_long_gap_is_not_interpolated() {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Instant;
 
 use crate::emulator::{self, Emulator, EmulatorError};
@@ -46,8 +47,13 @@ pub fn run_instruction_budget(options: &BudgetOptions) -> Result<ExitCode, Comma
     let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
     let bar = show_spinner("counting instructions, some two minutes");
-    let budgets = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, WorldConfig::of_table1(1))
-        .and_then(|mut emulator| emulator::instruction_budget::count_budgets(&mut emulator));
+    let budgets = Emulator::start_with(
+        &image,
+        WorldConfig::of_table1(1),
+        Emulator::SENDING_AUTOPILOT,
+        Arc::clone(interruption.stop_flag()),
+    )
+    .and_then(|mut emulator| emulator::instruction_budget::count_budgets(&mut emulator));
     bar.finish_and_clear();
     if let Some(code) = interruption.exit_code() {
         return Ok(code);

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use crate::emulator::{self, Emulator, EmulatorError};
 use clap::Args;
@@ -32,11 +33,16 @@ pub fn run_emulate(options: &EmulateOptions) -> Result<ExitCode, CommandFailure>
     let image = options.image.clone().unwrap_or_else(emulator::default_image);
     let failed = |error: EmulatorError| CommandFailure(format!("{}: {error}", error.stable_code()));
     let interruption = TerminationSignals::install_handlers(SecondSignal::IsIgnored)?;
-    let mission = Emulator::start_with_stop_flag(interruption.stop_flag(), &image, options.fly.world_config()?)
-        .and_then(|mut emulator| {
-            let mission = RecordedMission::fly(&mut emulator, &options.fly);
-            emulator.take_failure().map_or(Ok(mission), Err)
-        });
+    let mission = Emulator::start_with(
+        &image,
+        options.fly.world_config()?,
+        Emulator::SENDING_AUTOPILOT,
+        Arc::clone(interruption.stop_flag()),
+    )
+    .and_then(|mut emulator| {
+        let mission = RecordedMission::fly(&mut emulator, &options.fly);
+        emulator.take_failure().map_or(Ok(mission), Err)
+    });
     match interruption.exit_code() {
         Some(code) => Ok(code),
         None => mission.map_err(failed)?.report(&options.fly),

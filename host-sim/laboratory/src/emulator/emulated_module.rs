@@ -47,6 +47,9 @@ pub struct Emulator {
 }
 
 impl Emulator {
+    /// Devices at the ports: an autopilot that only sends.
+    pub const SENDING_AUTOPILOT: [FarEnd; PORT_COUNT] = [FarEnd::SendOnly, FarEnd::Unconnected];
+
     /// Starts a firmware image with erased flash in a world with these settings.
     ///
     /// # Errors
@@ -54,47 +57,23 @@ impl Emulator {
     /// Missing image or QEMU, or a failed connection. With an image for another machine QEMU ends at once or at the
     /// first step.
     pub fn start_emulator(image: &Path, config: WorldConfig) -> Result<Self, EmulatorError> {
-        Self::start_with_port_devices(image, config, [FarEnd::SendOnly, FarEnd::Unconnected])
+        Self::start_with(image, config, Self::SENDING_AUTOPILOT, Arc::default())
     }
 
-    /// As [`start_emulator`](Self::start_emulator), but after `stop` is set every run fails with
-    /// [`EmulatorError::Interrupted`].
+    /// As [`start_emulator`](Self::start_emulator), with these devices at the ports. After `stop` is set every run fails
+    /// with [`EmulatorError::Interrupted`].
     ///
     /// # Errors
     ///
     /// As [`start_emulator`](Self::start_emulator).
-    pub fn start_with_stop_flag(
-        stop: &Arc<AtomicBool>,
+    pub fn start_with(
         image: &Path,
         config: WorldConfig,
-    ) -> Result<Self, EmulatorError> {
-        Self::start_machine(
-            || EmulatedMachine::start_qemu(image, Arc::clone(stop)),
-            &config,
-            [FarEnd::SendOnly, FarEnd::Unconnected],
-        )
-    }
-
-    /// As [`start_emulator`](Self::start_emulator), with other devices at the ports.
-    ///
-    /// # Errors
-    ///
-    /// As [`start_emulator`](Self::start_emulator).
-    pub fn start_with_port_devices(
-        image: &Path,
-        config: WorldConfig,
-        port_devices: [FarEnd; PORT_COUNT],
-    ) -> Result<Self, EmulatorError> {
-        Self::start_machine(|| EmulatedMachine::start_qemu(image, Arc::default()), &config, port_devices)
-    }
-
-    fn start_machine(
-        machine: impl FnOnce() -> Result<EmulatedMachine, EmulatorError>,
-        config: &WorldConfig,
         [port_1_device, port_2_device]: [FarEnd; PORT_COUNT],
+        stop: Arc<AtomicBool>,
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
-        let world = World::new(*config);
+        let world = World::new(config);
         let cable =
             || SerialCable::new(CableConfig { wake_condition: WakeCondition::EachByte, ..CableConfig::default() });
         let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
@@ -114,7 +93,7 @@ impl Emulator {
             autopilot,
             instrument,
             port_devices,
-            machine: machine()?,
+            machine: EmulatedMachine::start_qemu(image, stop)?,
             noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
             last_field_update_us: None,
             is_sensor_wire_broken: false,

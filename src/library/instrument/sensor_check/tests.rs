@@ -82,13 +82,6 @@ fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
     }
 }
 
-/// An hour of readings, in which 1 of 80 consecutive values is equal; tests/promises/integrity.rs runs a day.
-#[test]
-fn a_parked_lis3mdl_is_neither_stuck_nor_spiky() {
-    let mut readings = SimulatedReadings::new();
-    assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 80 * 3600), []);
-}
-
 #[test]
 fn repeated_nan_is_stuck() {
     let mut axis = AxisCheck::INITIAL;

@@ -603,16 +603,3 @@ fn a_calibration_with_a_wrong_vertical_is_replaced() {
     record.calibration.w = [x, combined(cos, -sin), combined(sin, cos)];
     TestBed::with_calibrations(&[record]).calibrate(&complete_turns(2)).unwrap();
 }
-
-#[test]
-fn states_have_names() {
-    for (state, name) in [
-        (ModuleState::Uncalibrated, "uncalibrated"),
-        (ModuleState::Collecting, "collecting"),
-        (ModuleState::Solving, "solving"),
-        (ModuleState::Verifying, "verifying"),
-        (ModuleState::Calibrated, "calibrated"),
-    ] {
-        assert_eq!(state.state_name(), name);
-    }
-}
