@@ -125,20 +125,9 @@ impl WorldConfig {
     /// [`ConfigError::Format`] and [`ConfigError::OutOfRange`].
     pub fn from_toml(text: &str, seed: u64) -> Result<Self, ConfigError> {
         let file: AirframeFile = toml::from_str(text).map_err(|error| ConfigError::Format(error.to_string()))?;
-        let config = Self {
-            seed,
-            airframe: file.airframe.into(),
-            earth: file.earth,
-            aircraft: file.aircraft,
-            weather: file.weather,
-            attitude_source: file.attitude_source,
-            gyro: file.gyro,
-            current_interference_ut: [0.0; 3],
-            reports_current: false,
-            sensor: SensorModel::default(),
-            reports_position: false,
-            attitude: AttitudeSource::Autopilot,
-        };
+        let AirframeFile { airframe, earth, aircraft, weather, attitude_source, gyro } = file;
+        let defaults = Self::with_defaults(seed, airframe.into(), earth);
+        let config = Self { aircraft, weather, attitude_source, gyro, ..defaults };
         config.validate()?;
         Ok(config)
     }

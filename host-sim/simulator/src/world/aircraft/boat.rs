@@ -4,7 +4,7 @@ use std::array;
 
 use super::rough_surface::{Surface, roll_pitch_on_slope};
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{GRAVITY_M_S2, Motion, STEP_S, forward_right};
+use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S, forward_right};
 use crate::world::autopilot::VehicleCommand;
 use crate::world::state::TrueState;
 use crate::world::weather::Weather;
@@ -46,7 +46,7 @@ impl Boat {
         }
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         self.turn_rate_rad_s +=
             (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
@@ -65,15 +65,15 @@ impl Boat {
         let centripetal_m_s2 = speed_m_s * self.turn_rate_rad_s;
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
         let (sin, cos) = libm::sincos(self.heading_rad);
-        Motion {
+        TrueState {
             roll_rad: rolled_rad - HEEL_PER_TURN_ANGLE * centripetal_m_s2 / GRAVITY_M_S2,
             pitch_rad,
             heading_rad: self.heading_rad,
-            sideslip_rad: 0.0,
             north_m_s: speed_m_s * cos + self.wave_velocity_m_s[0],
             east_m_s: speed_m_s * sin + self.wave_velocity_m_s[1],
             disturbing_acceleration_m_s2: centripetal_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
-            current_ratio: 1.0,
+            relative_current: 1.0,
+            ..TrueState::default()
         }
     }
 }

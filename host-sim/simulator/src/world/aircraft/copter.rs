@@ -4,7 +4,7 @@
 //! nose and `g tan(phi) / cos(theta)` to the right, less drag.
 
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{GRAVITY_M_S2, Motion, STEP_S, forward_right, north_east};
+use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S, forward_right, north_east};
 use crate::world::aircraft::turbulence::Turbulence;
 use crate::world::autopilot::TranslationMode;
 use crate::world::autopilot::VehicleCommand;
@@ -97,7 +97,7 @@ impl Copter {
         self.velocity_m_s = [state.north_m_s, state.east_m_s];
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         let (desired_m_s2, turn_rate_rad_s) = self.desired_motion(command, previous_state);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
@@ -121,16 +121,16 @@ impl Copter {
         }
         let weight = (libm::cos(roll_rad) * libm::cos(pitch_rad)).recip();
         let thrust = (weight - THRUST_LOSS_PER_GUST_S_M * disturbance.vertical_m_s).max(0.0);
-        Motion {
+        TrueState {
             roll_rad,
             pitch_rad,
             heading_rad: self.heading_rad,
-            sideslip_rad: 0.0,
             north_m_s: self.velocity_m_s[0],
             east_m_s: self.velocity_m_s[1],
             disturbing_acceleration_m_s2: libm::hypot(acceleration[0], acceleration[1]),
             // Rotor power is proportional to thrust^(3/2) (momentum theory).
-            current_ratio: libm::pow(thrust, 1.5),
+            relative_current: libm::pow(thrust, 1.5),
+            ..TrueState::default()
         }
     }
 

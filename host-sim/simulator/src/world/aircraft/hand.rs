@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::motion::{Motion, STEP_S};
+use super::motion::STEP_S;
 use crate::world::aircraft::config::VehicleConfig;
 use crate::world::autopilot::{TranslationMode, VehicleCommand};
 use crate::world::state::TrueState;
@@ -37,7 +37,7 @@ impl Hand {
     }
 
     /// Follows turns and tilts; a tilt toward a side rolls the board, also upside down.
-    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         self.turn_rate_rad_s += (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / MOVEMENT_TIME_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
         let wanted_rad = match command.translation_mode {
@@ -61,14 +61,14 @@ impl Hand {
         let [roll_rad, pitch_rad] =
             [0, 1].map(|axis| self.tilt_rad[axis] + UNSTEADINESS_DEG.to_radians() * sine(UNSTEADINESS_PERIODS_S[axis]));
         let [north_m_s, east_m_s] = SWAY_PERIODS_S.map(|period_s| SWAY_M_S * sine(period_s));
-        Motion {
+        TrueState {
             roll_rad,
             pitch_rad,
             heading_rad: self.heading_rad,
             north_m_s,
             east_m_s,
-            current_ratio: 1.0,
-            ..Motion::default()
+            relative_current: 1.0,
+            ..TrueState::default()
         }
     }
 }

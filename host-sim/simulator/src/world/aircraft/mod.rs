@@ -21,7 +21,7 @@ use self::boat::Boat;
 use self::copter::{Copter, CopterLimits};
 use self::external_attitude::AttitudeInterpolation;
 use self::hand::Hand;
-use self::motion::{Motion, STEP_S};
+use self::motion::STEP_S;
 use self::plane::Plane;
 use self::rover::Rover;
 use self::vtol::Vtol;
@@ -52,7 +52,8 @@ impl Vehicle {
         }
     }
 
-    fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+    /// State after the next step, without its time, rates and place.
+    fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         match self {
             Self::Plane(plane) => plane.next_motion(command),
             Self::Copter(copter) => copter.next_motion(command, previous_state),
@@ -167,31 +168,14 @@ impl Aircraft {
         let command = self.autopilot.next_command(&self.state);
         let before = &self.state;
         let motion = self.vehicle.next_motion(command, before);
-        let Motion {
-            roll_rad,
-            pitch_rad,
-            heading_rad,
-            sideslip_rad,
-            north_m_s,
-            east_m_s,
-            disturbing_acceleration_m_s2: push_m_s2,
-            current_ratio: current,
-        } = motion;
         self.state = TrueState {
             time_us: before.time_us + STEP_US,
-            roll_rad,
-            pitch_rad,
-            heading_rad,
-            roll_rate_rad_s: (roll_rad - before.roll_rad) / STEP_S,
-            pitch_rate_rad_s: (pitch_rad - before.pitch_rad) / STEP_S,
-            heading_rate_rad_s: (heading_rad - before.heading_rad) / STEP_S,
-            sideslip_rad,
-            north_m: before.north_m + north_m_s * STEP_S,
-            east_m: before.east_m + east_m_s * STEP_S,
-            north_m_s,
-            east_m_s,
-            disturbing_acceleration_m_s2: push_m_s2,
-            relative_current: current,
+            roll_rate_rad_s: (motion.roll_rad - before.roll_rad) / STEP_S,
+            pitch_rate_rad_s: (motion.pitch_rad - before.pitch_rad) / STEP_S,
+            heading_rate_rad_s: (motion.heading_rad - before.heading_rad) / STEP_S,
+            north_m: before.north_m + motion.north_m_s * STEP_S,
+            east_m: before.east_m + motion.east_m_s * STEP_S,
+            ..motion
         };
     }
 

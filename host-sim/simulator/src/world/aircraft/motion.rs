@@ -8,19 +8,6 @@ pub const STEP_S: f64 = STEP_US as f64 / 1e6;
 /// Standard gravity, m/s^2.
 pub const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Attitude and motion after a step. Angles in radians, FRD body axes, Euler ZYX; heading is not wrapped.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Motion {
-    pub roll_rad: f64,
-    pub pitch_rad: f64,
-    pub heading_rad: f64,
-    pub sideslip_rad: f64,
-    pub north_m_s: f64,
-    pub east_m_s: f64,
-    pub disturbing_acceleration_m_s2: f64,
-    pub current_ratio: f64,
-}
-
 /// North and east components of a vector given along the nose and to the right.
 pub fn north_east(heading_rad: f64, [forward, right]: [f64; 2]) -> [f64; 2] {
     let (sin, cos) = libm::sincos(heading_rad);

@@ -1,7 +1,7 @@
 //! Aeroplane: banks at a limited rate, turns by its bank, drifts with the wind, and is disturbed by gusts.
 
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{GRAVITY_M_S2, Motion, STEP_S};
+use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S};
 use crate::world::aircraft::turbulence::Turbulence;
 use crate::world::autopilot::VehicleCommand;
 use crate::world::state::TrueState;
@@ -57,7 +57,7 @@ impl Plane {
         self.air_course_rad = state.heading_rad;
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand) -> TrueState {
         self.follow_command(command);
         let disturbance = self.turbulence.next_disturbances();
         let airspeed_m_s = self.config.airspeed_m_s;
@@ -72,17 +72,17 @@ impl Plane {
 
         let (wind_north_m_s, wind_east_m_s) = self.weather.wind_velocity_m_s();
         let (sin_course, cos_course) = libm::sincos(self.air_course_rad);
-        Motion {
+        TrueState {
             roll_rad,
             pitch_rad,
             heading_rad,
             sideslip_rad,
             north_m_s: airspeed_m_s * cos_course + wind_north_m_s,
             east_m_s: airspeed_m_s * sin_course + wind_east_m_s,
-            // The attitude source's `turn_error` covers the turn acceleration.
-            disturbing_acceleration_m_s2: 0.0,
+            // No disturbing acceleration: the attitude source's `turn_error` covers that of the turn.
             // Induced drag is proportional to the square of the load factor.
-            current_ratio: square(libm::cos(roll_rad)).recip(),
+            relative_current: square(libm::cos(roll_rad)).recip(),
+            ..TrueState::default()
         }
     }
 

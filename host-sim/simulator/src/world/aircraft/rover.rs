@@ -2,7 +2,7 @@
 
 use super::rough_surface::{Surface, roll_pitch_on_slope};
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{Motion, STEP_S, forward_right};
+use crate::world::aircraft::motion::{STEP_S, forward_right};
 use crate::world::autopilot::VehicleCommand;
 use crate::world::state::TrueState;
 
@@ -27,7 +27,7 @@ impl Rover {
         Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         self.turn_rate_rad_s +=
             (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / TURN_RATE_TIME_CONSTANT_S;
         self.heading_rad += self.turn_rate_rad_s * STEP_S;
@@ -38,15 +38,15 @@ impl Rover {
         let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
         let (sin, cos) = libm::sincos(self.heading_rad);
         let speed_m_s = self.config.speed_m_s;
-        Motion {
+        TrueState {
             roll_rad,
             pitch_rad,
             heading_rad: self.heading_rad,
-            sideslip_rad: 0.0,
             north_m_s: speed_m_s * cos,
             east_m_s: speed_m_s * sin,
             disturbing_acceleration_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
-            current_ratio: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
+            relative_current: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
+            ..TrueState::default()
         }
     }
 }

@@ -7,7 +7,7 @@
 use super::copter::{Copter, CopterLimits};
 use super::plane::Plane;
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{Motion, STEP_S};
+use crate::world::aircraft::motion::STEP_S;
 use crate::world::autopilot::TranslationMode;
 use crate::world::autopilot::VehicleCommand;
 use crate::world::state::TrueState;
@@ -53,7 +53,7 @@ impl Vtol {
         }
     }
 
-    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> Motion {
+    pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         let is_wing_borne = matches!(command.translation_mode, TranslationMode::Forward);
         let takes_over = is_wing_borne != self.is_wing_borne;
         self.is_wing_borne = is_wing_borne;
@@ -81,9 +81,9 @@ impl Vtol {
     }
 
     /// Adds the remaining difference to a motion, and advances its decay by one step.
-    fn with_difference(&mut self, motion: Motion) -> Motion {
+    fn with_difference(&mut self, motion: TrueState) -> TrueState {
         let difference = &mut self.difference;
-        let with_difference = Motion {
+        let with_difference = TrueState {
             roll_rad: motion.roll_rad + difference.roll_rad,
             pitch_rad: motion.pitch_rad + difference.pitch_rad,
             heading_rad: motion.heading_rad + difference.heading_rad,
