@@ -3,6 +3,7 @@
 //! | interface | file | faults |
 //! |---|---|---|
 //! | magnetometer | `sensor.rs` | measurements and register upsets on the I2C bus |
+//! | gyro and accelerometer | `inertial.rs` | measurements, register upsets and silence of the chip |
 //! | attitude source | `attitude.rs` | modified messages, and additional senders |
 //! | link | `link_faults.rs` | an autopilot that pauses, other vehicles, forged messages |
 //! | field | `field.rs` | hard-iron changes and other fields at the chip |
@@ -12,6 +13,7 @@
 pub mod attitude;
 mod fault_switch;
 pub mod field;
+pub mod inertial;
 pub mod link_faults;
 pub mod sensor;
 
@@ -24,6 +26,8 @@ use std::rc::Rc;
 pub struct Faults {
     /// Faults of a LIS3MDL.
     pub sensor_faults: Vec<Box<dyn sensor::SensorFault>>,
+    /// Faults of gyro and accelerometer.
+    pub inertial_faults: Vec<Box<dyn inertial::InertialFault>>,
     /// Faults of the attitude source.
     pub attitude_faults: Vec<Box<dyn attitude::AttitudeFault>>,
     /// Additional senders of attitude on the same line.

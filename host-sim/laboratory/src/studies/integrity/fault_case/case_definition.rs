@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 use std::rc::Rc;
 
+use autoswing::attitude::AttitudeSource;
 use nalgebra::Vector3;
 use simulator::faults::attitude::{
     AdditionalLatency, AttitudeFault, FilterAlignment, SecondSender, SourceRestart, SourceSilence, attitude_bias,
@@ -13,6 +14,7 @@ use simulator::faults::field::{
     FieldFault, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
     passing_object, throttle_interference,
 };
+use simulator::faults::inertial::InertialFault;
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{FaultSwitch, Faults};
@@ -203,6 +205,13 @@ impl RandomCase {
     pub(super) fn add_sensor_fault(&mut self, onset: FaultOnset, fault: impl SensorFault + 'static) {
         self.fault_onset = onset;
         self.faults.sensor_faults.push(Box::new(fault));
+    }
+
+    /// Adds a fault of the module's own gyro and accelerometer, whose body rates are used beside the autopilot's attitude.
+    pub(super) fn add_inertial_fault(&mut self, onset: FaultOnset, fault: impl InertialFault + 'static) {
+        self.fault_onset = onset;
+        self.world.attitude = AttitudeSource::Automatic;
+        self.faults.inertial_faults.push(Box::new(fault));
     }
 
     pub(super) fn add_attitude_fault(&mut self, onset: FaultOnset, fault: impl AttitudeFault + 'static) {
