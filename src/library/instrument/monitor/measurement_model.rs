@@ -5,8 +5,8 @@
 //!
 //! | state | meaning | model |
 //! |---|---|---|
-//! | `beta` (3) | change of hard iron since the calibration, body axes | Earth's field `W (R(mu) m - b) - beta` |
-//! | `mu` | turn of the module in its mount, clockwise from above | see `beta` |
+//! | `beta` (3) | change of hard iron since the calibration, body axes | Earth's field `W R(mu) (m - b) - beta` |
+//! | `mu` | turn of the module in its mount with its iron, clockwise from above | see `beta` |
 //! | `f`, `i` | change of field strength (relative) and of inclination | strength `1 + f`, inclination `I + i` |
 //! | `a_r`, `a_p`, `k` | roll bias, pitch bias, bank-angle scale error | roll `phi - a_r - k phi` |
 //! | `tau` | residual attitude latency | `phi + tau phi'`, `theta + tau theta'` |
@@ -70,26 +70,27 @@ pub(super) fn mount_axis(calibration: &Calibration) -> Vector3<f32> {
     (x.cross(&y).unit_vector() + z.unit_vector()).unit_vector()
 }
 
-/// Effect of a turn of the module on its corrected field, which includes the field of the airframe's iron, because that
-/// does not turn: with the axis `a` and the measured field `m`, `W (R(mu) m - b) = h + sin mu p + (1 - cos mu) q`.
+/// Effect of a turn of the module and its iron on its corrected field: with the axis `a` and the measured field less
+/// hard iron `m - b`, `W R(mu) (m - b) = h + sin mu p + (1 - cos mu) q`. Iron of the airframe, which stays, changes the
+/// hard iron besides.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MountTurnEffect {
-    /// Field change `p` by the sine of the mount's turn: `W (a x m)`.
+    /// Field change `p` by the sine of the mount's turn: `W (a x (m - b))`.
     change_by_sine: Vector3<f32>,
-    /// Field change `q` by one minus the cosine of the mount's turn: `W (a x (a x m))`.
+    /// Field change `q` by one minus the cosine of the mount's turn: `W (a x (a x (m - b)))`.
     change_by_one_minus_cosine: Vector3<f32>,
 }
 
 impl MountTurnEffect {
-    /// The effect on a measured field, sensor axes, relative to the calibrated field strength.
-    pub fn new(calibration: &Calibration, measured: &Vector3<f32>) -> Self {
+    /// The effect on a measured field less hard iron, sensor axes, relative to the calibrated field strength.
+    pub fn new(calibration: &Calibration, normalised_field: &Vector3<f32>) -> Self {
         let (w, axis) = (calibration.w_matrix(), mount_axis(calibration));
-        let across = axis.cross(measured);
+        let across = axis.cross(normalised_field);
         Self { change_by_sine: multiply(&w, &across), change_by_one_minus_cosine: multiply(&w, &axis.cross(&across)) }
     }
 
     /// Change of the field by a turn, relative to the field strength, and its derivative by the turn.
-    fn field_change_and_derivative(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
+    pub fn field_change_and_derivative(&self, turn_rad: f32) -> [Vector3<f32>; 2] {
         let (sin, cos) = trig::sin_cos(turn_rad);
         [
             self.change_by_sine * sin + self.change_by_one_minus_cosine * (1.0 - cos),

@@ -61,17 +61,18 @@ use measurement_model::{
 };
 pub(super) use monitor_output::MonitorOutput;
 pub(super) use monitored_calibration::MonitoredCalibration;
-use mount_turn::mount_turn_rad;
+use mount_turn::{ExplainedTurn, explained_turn};
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
-    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
+    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, HARD_IRON_PROBABILITY, HEADING_CHANGE_TIME_S, INITIAL_STEP_S,
     MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
     MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
     MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
     MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
     MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
-    POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS,
-    UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
+    MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION,
+    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
+    VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -164,9 +165,11 @@ impl Monitor {
         let calibration = monitored.calibration;
         let field = calibration.corrected_body_field(sample).ut / calibration.total_ut;
         let euler_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
+        // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
+        let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let monitor_sample = MonitorSample {
             field,
-            mount_turn_effect: MountTurnEffect::new(calibration, &(sample.field.ut / calibration.total_ut)),
+            mount_turn_effect: MountTurnEffect::new(calibration, &position),
             attitude: sample.latency_compensated_attitude(calibration.latency_s),
             euler_rates,
         };
@@ -183,8 +186,6 @@ impl Monitor {
         let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &monitor_sample.euler_rates));
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
-        // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
-        let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
         self.inflate_by_drift(monitor_sample.attitude.roll_rad, &heading_jacobian, step_s);
@@ -384,7 +385,7 @@ impl Monitor {
         if let Some(SlowChange::Heading(heading_change_rad)) = slow_change
             && self.post_change_remaining_s <= 0.0
         {
-            self.inflate_gyro_rate_offsets(heading_change_rad, step_s);
+            self.inflate_causes_of_heading_change(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => {
@@ -395,41 +396,48 @@ impl Monitor {
                 is_usable
             }
             GateResult::ChangeDetected { exceeding_residuals } => {
-                let turn_rad = mount_turn_rad(calibration, &model.calibrated_field_residual, normalised_field);
+                let turn = explained_turn(calibration, &model.calibrated_field_residual, normalised_field);
                 let roll_rad = sample.attitude.roll_rad;
                 self.inflate_covariance(model, exceeding_residuals, roll_rad);
-                self.attribute_to_mount_turn(turn_rad, is_level(roll_rad), exceeding_residuals);
+                self.attribute_to_mount_turn(turn, is_level(roll_rad), exceeding_residuals);
                 [true; 3]
             }
         }
     }
 
     /// Inflates hard iron by the part of the innovations that its variance does not explain, during a slow change and soon
-    /// after a detected one, which may go on: gyro offset, heading and attitude must not follow it. Not in turns, where the
-    /// gates detect it again.
+    /// after a detected one, which may go on: gyro offset, heading and attitude must not follow it. In turns, where the
+    /// gates detect changed iron again, the turn of the mount instead.
     fn inflate_by_unexplained_change(
         &mut self,
         model: &MeasurementModel,
         innovations: PerKind<Option<Innovation>>,
         step_s: f32,
     ) {
-        if self.heading_drift.is_turning() {
-            return;
-        }
         let unexplained = |Innovation { residual, variance }| (residual * residual - variance).max(0.0);
         let [strength, inclination, heading] = innovations.map(|innovation| innovation.map_or(0.0, unexplained));
         let square_size = strength.max(inclination).max(heading * square(model.cos_inclination()));
         let variance = square_size.min(square(MAX_INFLATING_INNOVATION)) * step_s / UNEXPLAINED_CHANGE_TIME_S;
-        self.inflate_states(&HARD_IRON_INDICES, variance);
+        if self.heading_drift.is_turning() {
+            self.filter.inflate_variance(MOUNT_TURN_INDEX, variance);
+        } else {
+            self.inflate_states(&HARD_IRON_INDICES, variance);
+        }
     }
 
-    /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
-    /// not inflated: on recorded flights they would follow the attitude's errors.
-    fn inflate_gyro_rate_offsets(&mut self, heading_change_rad: f32, step_s: f32) {
-        let rate_rad_s = heading_change_rad / GYRO_OFFSET_CHANGE_TIME_S;
-        let variance = rate_rad_s * rate_rad_s * step_s / GYRO_OFFSET_CHANGE_TIME_S;
-        for state in GYRO_RATE_OFFSET_INDICES {
-            if self.filter.state_variance(state) < MAX_GYRO_OFFSET_VARIANCE {
+    /// Inflates the variances of the gyro's offsets, which may change faster than their process noise, and of the mount's
+    /// turn: a module that turns with its iron changes the heading alone. Other states are not inflated: on recorded
+    /// flights they would follow the attitude's errors.
+    fn inflate_causes_of_heading_change(&mut self, heading_change_rad: f32, step_s: f32) {
+        let angle_variance = square(heading_change_rad) * step_s / HEADING_CHANGE_TIME_S;
+        let rate_variance = angle_variance / square(HEADING_CHANGE_TIME_S);
+        let [y, z] = GYRO_RATE_OFFSET_INDICES;
+        for (state, variance, max_variance) in [
+            (y, rate_variance, MAX_GYRO_OFFSET_VARIANCE),
+            (z, rate_variance, MAX_GYRO_OFFSET_VARIANCE),
+            (MOUNT_TURN_INDEX, angle_variance, square(MAX_MOUNT_TURN_RAD)),
+        ] {
+            if self.filter.state_variance(state) < max_variance {
                 self.filter.inflate_variance(state, variance);
             }
         }
@@ -462,7 +470,7 @@ impl Monitor {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
             if !is_level(roll_rad) {
-                self.filter.inflate_variance(MOUNT_TURN_INDEX, variance);
+                self.filter.inflate_variance(MOUNT_TURN_INDEX, MOUNT_TURN_VARIANCE_FACTOR * variance);
             }
         }
     }
@@ -515,22 +523,22 @@ impl Monitor {
         if !is_level(roll_rad) {
             let bank_scale_error = tilt_rad / roll_rad;
             self.filter.inflate_variance(BANK_SCALE_ERROR_INDEX, bank_scale_error * bank_scale_error);
+            self.inflate_mount_turn(inclination.max(heading));
         }
         self.is_strength_test_failed |= strength > 0.0;
         self.post_change_remaining_s = POST_CHANGE_S;
     }
 
-    /// Attributes a detected change to a turn of the module if this explains the field. A module turns once: when the
-    /// field changes again and again, an estimated turn must go on to explain it.
-    fn attribute_to_mount_turn(&mut self, turn_rad: Option<f32>, is_level: bool, residuals: PerKind<f32>) {
+    /// Attributes a detected change in level flight to a turn of the module if this explains the field. A module turns
+    /// once: when the field changes again and again, an estimated turn must go on to explain it.
+    fn attribute_to_mount_turn(&mut self, turn: Option<ExplainedTurn>, is_level: bool, residuals: PerKind<f32>) {
         let estimated_rad = self.filter.mean()[MOUNT_TURN_INDEX];
         let is_first = self.innovation_gate.withheld_s() < MAX_WITHHELD_FOR_MOUNT_TURN_S;
-        let is_confirmed = turn_rad.is_some_and(|rad| (rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
-        match turn_rad {
-            Some(turn_rad) if is_first && is_level => self.restart_from_mount_turn(turn_rad, residuals),
-            Some(turn_rad) if is_first => self.inflate_mount_turn(residuals[2].max((turn_rad - estimated_rad).abs())),
+        let is_confirmed = turn.is_some_and(|turn| (turn.turn_rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
+        match turn {
+            Some(turn) if is_first && is_level => self.restart_from_mount_turn(&turn, residuals),
             _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
-            _ => self.restart_from_mount_turn(0.0, residuals),
+            _ => self.restart_from_mount_turn(&ExplainedTurn::NO_TURN, residuals),
         }
     }
 
@@ -539,14 +547,15 @@ impl Monitor {
         self.filter.inflate_variance(MOUNT_TURN_INDEX, sigma_rad * sigma_rad);
     }
 
-    /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated. The sigma is
-    /// the heading's residual, or the change of the estimate.
-    fn restart_from_mount_turn(&mut self, turn_rad: f32, [_, _, heading_rad]: PerKind<f32>) {
+    /// Starts again from a turn of the module that explains the field, with the hard iron as calibrated but for what
+    /// stays. The sigma is the heading's residual, or the change of the estimate.
+    fn restart_from_mount_turn(&mut self, turn: &ExplainedTurn, [_, _, heading_rad]: PerKind<f32>) {
+        let ExplainedTurn { turn_rad, hard_iron_change } = turn;
         let change_rad = (turn_rad - self.filter.mean()[MOUNT_TURN_INDEX]).abs();
         self.inflate_mount_turn(heading_rad.max(change_rad));
-        self.filter.set_mean(MOUNT_TURN_INDEX, turn_rad);
-        for axis in HARD_IRON_INDICES {
-            self.filter.set_mean(axis, 0.0);
+        self.filter.set_mean(MOUNT_TURN_INDEX, *turn_rad);
+        for (axis, change) in HARD_IRON_INDICES.into_iter().zip(hard_iron_change) {
+            self.filter.set_mean(axis, *change);
         }
     }
 
@@ -673,8 +682,8 @@ impl Monitor {
     }
 }
 
-/// Heading variance by causes that are estimated beside changed hard iron: biases of the attitude, an error of its bank,
-/// a turn of the mount. Two causes at once are improbable, so that hard iron may be the only one.
+/// Heading variance by causes that are estimated beside changed hard iron: biases of the attitude, an error of its bank.
+/// Two causes at once are improbable, so that hard iron may be the only one. A turn of the mount changes hard iron, too.
 fn alternative_cause_variance_rad2(
     hard_iron_change: &Vector3<f32>,
     heading_jacobian: &StateVector,
@@ -683,7 +692,7 @@ fn alternative_cause_variance_rad2(
     if hard_iron_change.vector_length() < MAX_DECAYING_HARD_IRON {
         return 0.0;
     }
-    let causes = [ROLL_BIAS_INDEX, PITCH_BIAS_INDEX, BANK_SCALE_ERROR_INDEX, MOUNT_TURN_INDEX];
+    let causes = [ROLL_BIAS_INDEX, PITCH_BIAS_INDEX, BANK_SCALE_ERROR_INDEX];
     HARD_IRON_PROBABILITY * causes.into_iter().map(|i| square(heading_jacobian[i] * states[i])).sum::<f32>()
 }
 

@@ -69,9 +69,8 @@ impl MonitorOutput {
             || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
     }
 
-    /// Calibration and its uncertainty, corrected by the estimated states and variances. The change of hard iron
-    /// converts to sensor axes, `W (m - b) - beta F = W (m - (b + W^-1 beta F))`; the turn in the mount becomes part of
-    /// both, `W (R m - b) = W R (m - R^T b)`.
+    /// Calibration and its uncertainty, corrected by the estimated states and variances. The turn in the mount and the
+    /// change of hard iron become part of both, `W R (m - b) - beta F = W R (m - (b + R^T W^-1 beta F))`.
     #[inline(never)]
     pub fn correct_calibration(&self, monitored: &MonitoredCalibration<'_>) -> (Calibration, HeadingUncertainty) {
         let MonitoredCalibration { calibration, uncertainty, readings_per_sample } = *monitored;
@@ -80,11 +79,11 @@ impl MonitorOutput {
         let (axis, (sin, cos)) = (mount_axis(calibration), sin_cos(self.states[MOUNT_TURN_INDEX]));
         let turned_back = |v: Vector3<f32>| {
             let across = axis.cross(&v);
-            (v - across * sin + axis.cross(&across) * (1.0 - cos)).into()
+            v - across * sin + axis.cross(&across) * (1.0 - cos)
         };
         let corrected = Calibration {
-            w: calibration.w.map(|row| turned_back(row.into())),
-            b_ut: turned_back(calibration.b_vector_ut() + change_ut),
+            w: calibration.w.map(|row| turned_back(row.into()).into()),
+            b_ut: (calibration.b_vector_ut() + turned_back(change_ut)).into(),
             inclination_rad: calibration.inclination_rad + self.states[INCLINATION_CHANGE_INDEX],
             total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE_INDEX]),
             ..*calibration

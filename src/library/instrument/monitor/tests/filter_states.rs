@@ -18,6 +18,7 @@ fn each_state_receives_all_of_its_process_noise() {
 fn only_a_new_disturbance_may_be_a_mount_turn() {
     const HEADING_RESIDUAL_RAD: f32 = 0.3;
     const HARD_IRON: f32 = 0.2;
+    const STAYING_IRON: f32 = 0.05;
     let initial_rad2 = state_noise(MOUNT_TURN_INDEX, SensorErrorSigmas::DEFAULT).initial_sigma.powi(2);
     // Time withheld, level flight, estimated turn, turn that explains the field; expected turn and its added sigma.
     for (withheld_s, is_level, estimated_rad, explaining_rad, [expected_rad, added_sigma_rad]) in [
@@ -25,7 +26,7 @@ fn only_a_new_disturbance_may_be_a_mount_turn() {
         (1.0, true, 0.5, Some(0.0), [0.0, 0.5]),
         // The sigma is limited to 34 deg.
         (1.0, true, 0.5, Some(-0.5), [-0.5, 0.6]),
-        (1.0, false, 0.1, Some(0.5), [0.1, 0.4]),
+        (1.0, false, 0.1, Some(0.5), [0.1, 0.0]),
         (1.0, true, 0.1, None, [0.1, 0.0]),
         (10.0, true, 0.0, Some(0.2), [0.0, 0.0]),
         (10.0, true, -0.1, Some(-0.09), [-0.1, 0.0]),
@@ -37,13 +38,18 @@ fn only_a_new_disturbance_may_be_a_mount_turn() {
         let mut monitor = withholding_monitor(withheld_s);
         monitor.filter.set_mean(MOUNT_TURN_INDEX, estimated_rad);
         monitor.filter.set_mean(HARD_IRON_CHANGE_INDEX, HARD_IRON);
-        monitor.attribute_to_mount_turn(explaining_rad, is_level, [0.0, 0.0, HEADING_RESIDUAL_RAD]);
+        let staying_iron = Vector3::new(STAYING_IRON, 0.0, 0.0);
+        let turn = explaining_rad.map(|turn_rad| ExplainedTurn { turn_rad, hard_iron_change: staying_iron });
+        monitor.attribute_to_mount_turn(turn, is_level, [0.0, 0.0, HEADING_RESIDUAL_RAD]);
         let states = monitor.filter.mean();
         assert!((states[MOUNT_TURN_INDEX] - expected_rad).abs() < 1e-6, "{case}");
         let expected_rad2 = initial_rad2 + added_sigma_rad * added_sigma_rad;
         assert!((monitor.filter.state_variance(MOUNT_TURN_INDEX) / expected_rad2 - 1.0).abs() < 1e-4, "{case}");
-        let is_restarted = (expected_rad - estimated_rad).abs() > 1e-6;
-        let hard_iron = if is_restarted { 0.0 } else { HARD_IRON };
+        let hard_iron = match expected_rad {
+            rad if (rad - estimated_rad).abs() < 1e-6 => HARD_IRON,
+            rad if explaining_rad.is_some_and(|explaining| (rad - explaining).abs() < 1e-6) => STAYING_IRON,
+            _ => 0.0,
+        };
         assert!((states[HARD_IRON_CHANGE_INDEX] - hard_iron).abs() < 1e-6, "{case}");
     }
 }
@@ -52,14 +58,15 @@ fn only_a_new_disturbance_may_be_a_mount_turn() {
 /// tilt error turns the heading by `tan I`; the Earth's field 0.3 of it.
 #[test]
 fn a_detected_change_inflates_the_states_that_explain_it() {
-    // Inclination; residuals of strength, inclination and heading; added sigmas of hard iron, Earth's field and tilt.
-    for (inclination_rad, residuals, [hard_iron, earth_field, tilt_rad]) in [
-        (1.0, [0.06, 0.1, 0.4], [0.216, 0.03, 0.128]),
-        (-1.0, [0.2, 0.1, 0.0], [0.2, 0.06, 0.05]),
-        // Limits: half the field, 17 deg of tilt.
-        (1.0, [0.9, 0.0, 3.0], [0.5, 0.15, 0.15]),
+    // Inclination; residuals of strength, inclination and heading; added sigmas of hard iron, Earth's field, tilt and, in a
+    // bank, the mount's turn.
+    for (inclination_rad, residuals, [hard_iron, earth_field, tilt_rad, mount_turn_rad]) in [
+        (1.0, [0.06, 0.1, 0.4], [0.216, 0.03, 0.128, 0.4]),
+        (-1.0, [0.2, 0.1, 0.0], [0.2, 0.06, 0.05, 0.1]),
+        // Limits: half the field, 17 deg of tilt, 34 deg of the mount.
+        (1.0, [0.9, 0.0, 3.0], [0.5, 0.15, 0.15, 0.6]),
         // At the magnetic equator the share of the attitude is that of 17 deg of inclination.
-        (0.0, [0.0, 0.0, 0.06], [0.06, 0.0, 0.1]),
+        (0.0, [0.0, 0.0, 0.06], [0.06, 0.0, 0.1, 0.06]),
     ] {
         for (roll_rad, bank_scale_error) in [(0.0, 0.0), (0.5, 2.0 * tilt_rad), (-0.5, 2.0 * tilt_rad)] {
             let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
@@ -72,6 +79,7 @@ fn a_detected_change_inflates_the_states_that_explain_it() {
             expected[STRENGTH_CHANGE_INDEX..=INCLINATION_CHANGE_INDEX].fill(earth_field);
             expected[ROLL_BIAS_INDEX..=PITCH_BIAS_INDEX].fill(tilt_rad);
             expected[BANK_SCALE_ERROR_INDEX] = bank_scale_error;
+            expected[MOUNT_TURN_INDEX] = if roll_rad == 0.0 { 0.0 } else { mount_turn_rad };
             for (i, variance) in state_variances(&monitor).into_iter().enumerate() {
                 let added = sqrt((variance - before[i]).max(0.0));
                 assert!((added - expected[i]).abs() < 2e-3, "{inclination_rad} {residuals:?} {roll_rad}: {i}: {added}");
@@ -231,7 +239,7 @@ fn an_unexplained_change_inflates_hard_iron_except_in_a_turn() {
 fn other_causes_beside_changed_hard_iron_count_as_variance() {
     let (mut jacobian, mut states) = ([0.0; STATE_COUNT], [0.0; STATE_COUNT]);
     (jacobian[ROLL_BIAS_INDEX], states[ROLL_BIAS_INDEX]) = (1.5, 0.1);
-    (jacobian[MOUNT_TURN_INDEX], states[MOUNT_TURN_INDEX]) = (-1.0, 0.2);
+    (jacobian[PITCH_BIAS_INDEX], states[PITCH_BIAS_INDEX]) = (-1.0, 0.2);
     for (hard_iron_change, expected) in [(0.0, 0.0), (0.029, 0.0), (0.1, 0.4 * (0.0225 + 0.04))] {
         let change = Vector3::new(0.0, hard_iron_change, 0.0);
         let found = alternative_cause_variance_rad2(&change, &jacobian, &states);
