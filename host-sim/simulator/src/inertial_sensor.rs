@@ -8,8 +8,7 @@ use autoswing_firmware::inertial_sensor::lsm6dsl::Lsm6dsl;
 use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;
-use crate::devices::lsm6dsl::{ADDRESS, InertialSource, SimulatedLsm6dsl};
-use crate::faults::inertial::InertialFault;
+use crate::devices::lsm6dsl::{ADDRESS, InertialFault, InertialSource, SimulatedLsm6dsl};
 
 /// LSM6DSL on its bus; survives a restart of the module.
 pub struct SimulatedInertialSensor {

@@ -4,32 +4,11 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use crate::devices::lsm6dsl::InertialTruth;
+use crate::devices::lsm6dsl::{InertialFault, InertialTruth};
 use crate::faults::fault_switch::FaultSwitch;
 
-/// Fault of the chip.
-pub trait InertialFault {
-    /// Modifies a measurement.
-    fn modify_measurement(&mut self, _at_us: u64, _measured: &mut InertialTruth) {}
-
-    /// Register address and bit of a bit that flips now.
-    fn register_upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
-        None
-    }
-
-    /// Whether the chip does not answer.
-    fn is_silent(&self, _at_us: u64) -> bool {
-        false
-    }
-}
-
-impl<F: FnMut(u64, &mut InertialTruth)> InertialFault for F {
-    fn modify_measurement(&mut self, at_us: u64, measured: &mut InertialTruth) {
-        self(at_us, measured);
-    }
-}
-
 /// Axes of the gyro, or of both sensors, that repeat their last value before the onset.
+#[must_use]
 pub fn stuck_gyro_axes(switch: FaultSwitch, axes: [bool; 3], is_accelerometer_stuck: bool) -> impl InertialFault {
     let mut last: Option<InertialTruth> = None;
     move |at_us: u64, measured: &mut InertialTruth| {
@@ -47,6 +26,7 @@ pub fn stuck_gyro_axes(switch: FaultSwitch, axes: [bool; 3], is_accelerometer_st
 }
 
 /// Rates that are clipped within the chip's range.
+#[must_use]
 pub fn clipped_rates(switch: FaultSwitch, limit_rad_s: f64) -> impl InertialFault {
     move |at_us: u64, measured: &mut InertialTruth| {
         if switch.is_on(at_us) {
@@ -56,6 +36,7 @@ pub fn clipped_rates(switch: FaultSwitch, limit_rad_s: f64) -> impl InertialFaul
 }
 
 /// Vibration of both sensors on all axes, at an aliased frequency.
+#[must_use]
 pub fn inertial_vibration(switch: FaultSwitch, rate_rad_s: f64, force_m_s2: f64, alias_hz: f64) -> impl InertialFault {
     move |at_us: u64, measured: &mut InertialTruth| {
         if switch.is_on(at_us) {
@@ -67,6 +48,7 @@ pub fn inertial_vibration(switch: FaultSwitch, rate_rad_s: f64, force_m_s2: f64,
 }
 
 /// Both sensors turned by 90 deg about the vertical.
+#[must_use]
 pub fn wrong_axes(switch: FaultSwitch) -> impl InertialFault {
     let turned = |vector: Vector3<f64>| Vector3::new(vector.y, -vector.x, vector.z);
     move |at_us: u64, measured: &mut InertialTruth| {

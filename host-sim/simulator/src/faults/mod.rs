@@ -21,13 +21,15 @@ pub use fault_switch::FaultSwitch;
 
 use std::rc::Rc;
 
+use crate::devices::lsm6dsl::InertialFault;
+
 /// Faults of one module. Default: none.
 #[derive(Default)]
 pub struct Faults {
     /// Faults of a LIS3MDL.
     pub sensor_faults: Vec<Box<dyn sensor::SensorFault>>,
     /// Faults of gyro and accelerometer.
-    pub inertial_faults: Vec<Box<dyn inertial::InertialFault>>,
+    pub inertial_faults: Vec<Box<dyn InertialFault>>,
     /// Faults of the attitude source.
     pub attitude_faults: Vec<Box<dyn attitude::AttitudeFault>>,
     /// Additional senders of attitude on the same line.

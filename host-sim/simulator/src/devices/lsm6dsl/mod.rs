@@ -16,9 +16,8 @@ use std::rc::Rc;
 use testkit::clock;
 
 use crate::devices::i2c::SimulatedI2cDevice;
-use crate::faults::inertial::InertialFault;
 pub use measurement_errors::MeasurementErrors;
-pub use motion::{InertialSource, InertialTruth};
+pub use motion::{InertialFault, InertialSource, InertialTruth};
 use registers::Lsm6dslRegisters;
 
 /// 7-bit address with pin SDO/SA0 low, as on ST's boards.

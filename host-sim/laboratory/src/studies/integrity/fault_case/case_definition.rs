@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use autoswing::attitude::AttitudeSource;
 use nalgebra::Vector3;
+use simulator::devices::lsm6dsl::InertialFault;
 use simulator::faults::attitude::{
     AdditionalLatency, AttitudeFault, FilterAlignment, SecondSender, SourceRestart, SourceSilence, attitude_bias,
     attitude_quantisation, bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error,
@@ -14,7 +15,6 @@ use simulator::faults::field::{
     FieldFault, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
     passing_object, throttle_interference,
 };
-use simulator::faults::inertial::InertialFault;
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{FaultSwitch, Faults};
