@@ -89,16 +89,16 @@ pub(super) fn fly_drawn_case(
     if onset == FaultOnset::Always {
         fault_switch.set_active(0, u64::MAX);
     }
+    rig.run_for_s(2.0);
     // Rest shows the offset of the module's own gyro.
     if world.attitude != AttitudeSource::Autopilot {
+        let (attitude_name, _) = AttitudeSource::NAMED_SOURCES[world.attitude as usize];
+        rig.send_console_line(&format!("set attitude {attitude_name}"));
         hold_still(&rig);
         rig.run_for_s(5.0);
         rig.world.end_prescribed_motion();
     }
-    rig.run_for_s(2.0);
     select_heading(&mut rig, plan);
-    let (attitude_name, _) = AttitudeSource::NAMED_SOURCES[world.attitude as usize];
-    rig.send_console_line(&format!("set attitude {attitude_name}"));
     rig.send_console_line(drawn_case.routine.start_command);
     if let FaultOnset::DuringCalibration { after_s, until_s } = onset {
         fault_switch.set_active(add_seconds_us(rig.now_us(), after_s), add_seconds_us(rig.now_us(), until_s));
