@@ -8,7 +8,7 @@ use autoswing_firmware::inertial_sensor::lsm6dsl::Lsm6dsl;
 use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;
-use crate::devices::lsm6dsl::{ADDRESS, InertialSource, SimulatedLsm6dsl};
+use crate::devices::lsm6dsl::{ADDRESS, InertialFault, InertialSource, SimulatedLsm6dsl};
 
 /// LSM6DSL on its bus; survives a restart of the module.
 pub struct SimulatedInertialSensor {
@@ -20,8 +20,9 @@ pub struct SimulatedInertialSensor {
 impl SimulatedInertialSensor {
     /// A chip with the errors of its data sheet, drawn by the seed.
     #[must_use]
-    pub fn new(seed: u64, source: InertialSource, bus: SimulatedI2cBus) -> Self {
+    pub fn new(seed: u64, source: InertialSource, bus: SimulatedI2cBus, faults: Vec<Box<dyn InertialFault>>) -> Self {
         let chip = SimulatedLsm6dsl::new(seed, 1.0, source);
+        chip.borrow_mut().set_faults(faults);
         bus.attach_device(chip.clone());
         Self { chip, bus }
     }

@@ -163,8 +163,10 @@ impl Rig {
         let instrument_cable = SerialCable::new(CableConfig::default());
         let field = world.magnetometer_source(faults.field_faults);
         let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor_faults);
-        let inertial_sensor = (config.attitude != AttitudeSource::Autopilot)
-            .then(|| SimulatedInertialSensor::new(config.seed, world.inertial_source(), magnetometer.i2c_bus()));
+        let inertial_sensor = (config.attitude != AttitudeSource::Autopilot).then(|| {
+            let (source, bus) = (world.inertial_source(), magnetometer.i2c_bus());
+            SimulatedInertialSensor::new(config.seed, source, bus, faults.inertial_faults)
+        });
         let reset_line = Rc::new(ResetLine {
             stop: simulation.stop_handle(),
             cause: RefCell::new(None),

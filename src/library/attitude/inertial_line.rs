@@ -2,19 +2,27 @@
 
 use nalgebra::Matrix2;
 
-use super::euler_rates::GyroHeading;
 use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
 use super::source::{AttitudeSource, HAS_OWN_ATTITUDE};
 use crate::inertial::InertialAttitude;
 use crate::time::{Timestamp, WrappingMillis};
+use crate::trig::DEG;
 
 /// Time after the start in which an autopilot, which boots, may report for the first time, microseconds.
 const AUTOPILOT_START_US: u64 = 15_000_000;
 
 /// Longest interval between two estimates whose attitude and rates are used, microseconds: two and a half periods of 50 Hz.
-const MAX_GAP_US: u32 = 50_000;
+pub(super) const MAX_OWN_GAP_US: u32 = 50_000;
+
+/// Allowed difference of the own body rates from the autopilot's, rad/s, and relative to these: offsets of two gyros, their latencies
+/// and scales.
+const MAX_RATE_DIFFERENCE_RAD_S: f32 = 1.5 * DEG;
+const MAX_RELATIVE_DIFFERENCE: f32 = 0.1;
+
+/// Consecutive reports with a larger difference after which the own body rates are not used: 0.3 s at 40 Hz, longer than a latency.
+const MAX_CONTRADICTING_REPORTS: u8 = 12;
 
 /// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
 const NUMBER_BEFORE_RUNS: u8 = 128;
@@ -30,6 +38,9 @@ pub(super) struct InertialLine {
     estimates: EstimateQueue,
     tilt_covariance: Matrix2<f32>,
     has_autopilot_reported: bool,
+    /// Consecutive reports of the autopilot whose body rates differ from the own ones.
+    contradicting_reports: u8,
+    is_contradicted: bool,
 }
 
 impl InertialLine {
@@ -39,6 +50,8 @@ impl InertialLine {
             estimates: ReportQueue::new(NUMBER_BEFORE_RUNS),
             tilt_covariance: Matrix2::new(0.0, 0.0, 0.0, 0.0),
             has_autopilot_reported: false,
+            contradicting_reports: 0,
+            is_contradicted: false,
         }
     }
 
@@ -53,14 +66,16 @@ impl InertialLine {
             return;
         }
         self.tilt_covariance = estimate.tilt_covariance;
+        let rates_rad_s =
+            if self.source == AttitudeSource::Own { estimate.rates_rad_s } else { estimate.measured_rates_rad_s };
         let report = AttitudeReport {
             sender: SenderId::new(estimate.start_count.into()),
             sender_clock_at_sending: WrappingMillis::default(),
             attitude: estimate.attitude,
-            body_rates: BodyRates::from_rad_s(estimate.rates_rad_s.into())
+            body_rates: BodyRates::from_rad_s(rates_rad_s.into())
                 .map(|rates| rates.with_frame_heading(estimate.frame_heading_rad)),
         };
-        self.estimates.push_report(at, report, MAX_GAP_US);
+        self.estimates.push_report(at, report, MAX_OWN_GAP_US);
     }
 
     /// Records a report of the autopilot; returns whether it is used.
@@ -83,14 +98,27 @@ impl InertialLine {
         (HAS_OWN_ATTITUDE && is_alone).then_some(&self.estimates)
     }
 
-    /// Body rates at an instant.
-    pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
-        if HAS_OWN_ATTITUDE { self.estimates.body_rates_at(at, MAX_GAP_US) } else { None }
+    /// Body rates at an instant, unless those of the autopilot contradict them until the filter starts again. Either may be
+    /// wrong; the autopilot's are those of a module without a gyro.
+    pub fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
+        let rates = self.body_rates_at(at)?;
+        if let Some(autopilot_rates) = autopilot_rates {
+            let difference_rad_s: [f32; 3] =
+                core::array::from_fn(|axis| rates.rad_s()[axis] - autopilot_rates.rad_s()[axis]);
+            let allowed_rad_s = MAX_RATE_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * autopilot_rates.magnitude_rad_s();
+            let differs = difference_rad_s.into_iter().any(|difference| difference.abs() > allowed_rad_s);
+            self.contradicting_reports = if differs { self.contradicting_reports + 1 } else { 0 };
+        }
+        self.is_contradicted |= self.contradicting_reports == MAX_CONTRADICTING_REPORTS;
+        if self.is_contradicted {
+            self.contradicting_reports = 0;
+        }
+        Some(rates).filter(|_| !self.is_contradicted)
     }
 
-    /// Angle rates and integrated heading at an instant.
-    pub fn gyro_heading_at(&self, at: Timestamp) -> Option<GyroHeading> {
-        if HAS_OWN_ATTITUDE { self.estimates.gyro_heading_at(at, MAX_GAP_US) } else { None }
+    /// Body rates at an instant.
+    pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
+        if HAS_OWN_ATTITUDE && !self.is_contradicted { self.estimates.body_rates_at(at, MAX_OWN_GAP_US) } else { None }
     }
 
     /// Covariance of the tilt about the level frame's x and y axes, rad^2, if the own attitude is in use.

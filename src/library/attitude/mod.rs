@@ -30,7 +30,7 @@ pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
 use history::AttitudeHistory;
 pub use history::RejectedReports;
-use inertial_line::InertialLine;
+use inertial_line::{InertialLine, MAX_OWN_GAP_US};
 pub use line_selector::LineSelector;
 pub use lookup::AttitudeLookup;
 pub use rate_estimator::RateEstimator;
@@ -76,7 +76,7 @@ impl AttitudeTrack {
             return false;
         }
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
-        report.body_rates = self.own.body_rates_at(described_at).or(report.body_rates);
+        report.body_rates = self.own.checked_body_rates_at(described_at, report.body_rates).or(report.body_rates);
         self.autopilot.push_report(arrival, report);
         true
     }
@@ -133,7 +133,10 @@ impl AttitudeTrack {
     /// `None` without an attitude or body rates.
     #[must_use]
     pub fn gyro_heading_at(&self, at: Timestamp, latency_us: i32) -> Option<GyroHeading> {
-        self.own.gyro_heading_at(at).or_else(|| self.autopilot.gyro_heading_at(at.plus_signed_us(latency_us)))
+        match self.own.estimates_in_use() {
+            Some(estimates) => estimates.gyro_heading_at(at, MAX_OWN_GAP_US),
+            None => self.autopilot.gyro_heading_at(at.plus_signed_us(latency_us)),
+        }
     }
 }
 

@@ -81,14 +81,12 @@ impl<const N: usize> ReportQueue<N> {
         )
     }
 
-    /// Body rates of that instant, those of the newest report at most `max_gap_us` after it; `None` without any.
+    /// Body rates of that instant without an integrated heading, those of the newest report at most `max_gap_us` after it; `None` without any.
     pub fn body_rates_at(&self, sent_at: Timestamp, max_gap_us: u32) -> Option<BodyRates> {
         let Some((before, after)) = self.surrounding_reports(sent_at) else {
             let newest = self.newest()?;
-            return newest
-                .report
-                .body_rates
-                .filter(|_| sent_at >= newest.sent_at && sent_at.us_since(newest.sent_at) <= u64::from(max_gap_us));
+            let is_recent = sent_at >= newest.sent_at && sent_at.us_since(newest.sent_at) <= u64::from(max_gap_us);
+            return BodyRates::from_rad_s(newest.report.body_rates.filter(|_| is_recent)?.rad_s());
         };
         let fraction = sent_at.us_since(before.sent_at) as f32 / after.sent_at.us_since(before.sent_at) as f32;
         let [from, to] = [before.report.body_rates?.rad_s(), after.report.body_rates?.rad_s()];

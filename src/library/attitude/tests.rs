@@ -506,22 +506,23 @@ fn own_estimate(roll_deg: f32, p_deg_s: f32, frame_heading_deg: f32) -> Inertial
     InertialAttitude {
         attitude: RollPitch::from_deg(roll_deg, 0.0),
         rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0].into(),
+        measured_rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0].into(),
         frame_heading_rad: frame_heading_deg.to_radians(),
         start_count: 0,
         tilt_covariance: Matrix2::identity(),
     }
 }
 
-/// Track of a source with own estimates every 20 ms from 20 s on, that turn by 3 deg each, and reports of the same instants
-/// of an autopilot whose roll is `autopilot_roll_deg`.
-fn track_of_both(source: AttitudeSource, autopilot_roll_deg: Option<f32>) -> (AttitudeTrack, Timestamp) {
+/// Track of a source with own estimates every 20 ms from 20 s on, with 5 deg/s of roll and turns of 3 deg each, and reports of the
+/// same instants of an autopilot with this roll and rate.
+fn track_of_both(source: AttitudeSource, autopilot_deg: Option<[f32; 2]>) -> (AttitudeTrack, Timestamp) {
     let mut track = AttitudeTrack::new(CONFIG);
     track.set_source(source);
     let sampled_at = |i: u16| timestamp(20_000_000 + u64::from(i) * PERIOD_US);
     for i in 0..50 {
         track.push_inertial_attitude(sampled_at(i), &own_estimate(20.0, 5.0, 3.0 * f32::from(i)));
-        if let Some(roll_deg) = autopilot_roll_deg {
-            let report = roll_report(0, roll_deg + 0.01 * f32::from(i % 2), -7.0);
+        if let Some([roll_deg, p_deg_s]) = autopilot_deg {
+            let report = roll_report(0, roll_deg + 0.01 * f32::from(i % 2), p_deg_s);
             let is_used = track.push_report(sampled_at(i).plus_us(LATENCY_US), report);
             assert_eq!(is_used, source != AttitudeSource::Own);
         }
@@ -529,30 +530,32 @@ fn track_of_both(source: AttitudeSource, autopilot_roll_deg: Option<f32>) -> (At
     (track, sampled_at(49))
 }
 
-/// The source decides on roll and pitch; own body rates and their turn are used unless it is the autopilot alone.
+/// The source decides on roll and pitch. Own body rates are used beside the autopilot's attitude unless its body rates contradict
+/// them, and the own turn with the own attitude.
 #[test]
 fn attitude_and_rates_are_those_of_the_source() {
-    for (source, autopilot_roll_deg, expected_roll_deg, p_deg_s) in [
-        (AttitudeSource::Autopilot, Some(10.0), Some(10.0), -7.0_f32),
-        (AttitudeSource::Automatic, Some(10.0), Some(10.0), 5.0),
-        (AttitudeSource::Automatic, None, Some(20.0), 5.0),
-        (AttitudeSource::Own, Some(10.0), Some(20.0), 5.0),
+    for (source, autopilot_deg, expected_deg, turned_deg) in [
+        (AttitudeSource::Autopilot, Some([10.0, -7.0]), Some([10.0, 7.0_f32]), 0.0_f32),
+        (AttitudeSource::Automatic, Some([10.0, 6.0]), Some([10.0, 5.0]), 0.0),
+        (AttitudeSource::Automatic, Some([10.0, 8.0]), Some([10.0, 8.0]), 0.0),
+        (AttitudeSource::Automatic, None, Some([20.0, 5.0]), 3.0),
+        (AttitudeSource::Own, Some([10.0, -7.0]), Some([20.0, 5.0]), 3.0),
         (AttitudeSource::Autopilot, None, None, 0.0),
     ] {
-        let case = format!("{source:?} {autopilot_roll_deg:?}");
-        let (track, newest_at) = track_of_both(source, autopilot_roll_deg);
+        let case = format!("{source:?} {autopilot_deg:?}");
+        let (track, newest_at) = track_of_both(source, autopilot_deg);
         let lookup = track.attitude_at(newest_at, 0);
-        let Some(expected_roll_deg) = expected_roll_deg else {
+        let Some([expected_roll_deg, expected_deg_s]) = expected_deg else {
             assert_eq!(lookup, AttitudeLookup::Stale, "{case}");
             continue;
         };
         assert!((roll_deg(lookup) - expected_roll_deg).abs() < 0.1, "{case}: {lookup:?}");
         let rate_deg_s = track.body_rate_rad_s(newest_at).unwrap().to_degrees();
-        assert!((rate_deg_s - p_deg_s.abs()).abs() < 0.01, "{case}: {rate_deg_s}");
+        assert!((rate_deg_s - expected_deg_s).abs() < 0.01, "{case}: {rate_deg_s}");
         let [before, after] =
             [timestamp(newest_at.as_us() - PERIOD_US), newest_at].map(|at| track.gyro_heading_at(at, 0).unwrap());
-        let turned_deg = wrap_pi(after.relative_heading_rad - before.relative_heading_rad).to_degrees();
-        assert!(p_deg_s < 0.0 || (turned_deg - 3.0).abs() < 0.01, "{case}: {turned_deg}");
+        let change_deg = wrap_pi(after.relative_heading_rad - before.relative_heading_rad).to_degrees();
+        assert!((change_deg - turned_deg).abs() < 0.01, "{case}: {change_deg}");
     }
 }
 

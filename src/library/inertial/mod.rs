@@ -82,6 +82,9 @@ fn horizontal_direction(vector: &Vector3<f32>) -> Vector3<f32> {
     if length > 0.0 { Vector3::new(vector.x / length, vector.y / length, 0.0) } else { Vector3::x() }
 }
 
+/// Change of the gyro's offset between two rests, rad/s: 13 K (LSM6DSL's data sheet).
+const MAX_REST_OFFSET_CHANGE_RAD_S: f32 = 0.2 * DEG;
+
 /// Sums over the samples of a step of the error filter.
 #[derive(Clone, Debug)]
 struct StepSums {
@@ -135,6 +138,9 @@ pub struct AttitudeFilter {
     velocity_m_s: Vector3<f32>,
     is_speed_known: bool,
     gyro_offset_rad_s: Vector3<f32>,
+    /// Rates at the last rest; `None` before the first one.
+    rest_offset_rad_s: Option<Vector3<f32>>,
+    measured_rates_rad_s: Vector3<f32>,
     gyro_scale: Vector3<f32>,
     accelerometer_offset_m_s2: Vector3<f32>,
     error_filter: ErrorFilter,
@@ -168,6 +174,8 @@ impl AttitudeFilter {
             velocity_m_s: Vector3::zeros(),
             is_speed_known: false,
             gyro_offset_rad_s: offsets.gyro_rad_s.into(),
+            rest_offset_rad_s: None,
+            measured_rates_rad_s: Vector3::zeros(),
             gyro_scale: Vector3::zeros(),
             accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
             error_filter: ErrorFilter::new(&variances),
@@ -200,7 +208,12 @@ impl AttitudeFilter {
     /// Starts with the tilt of a specific force.
     fn start_at(&mut self, at: Timestamp, sample: &InertialSample) {
         let started = Self::new(self.sensor_errors, self.sensor_offsets());
-        *self = Self { start_count: self.start_count.wrapping_add(1), sensor_errors: self.sensor_errors, ..started };
+        *self = Self {
+            start_count: self.start_count.wrapping_add(1),
+            sensor_errors: self.sensor_errors,
+            rest_offset_rad_s: self.rest_offset_rad_s,
+            ..started
+        };
         if sample.specific_force_m_s2.norm_squared() >= square(MIN_START_FORCE_M_S2) {
             self.attitude = Some((at, levelling_rotation(&sample.specific_force_m_s2)));
         }
@@ -213,6 +226,7 @@ impl AttitudeFilter {
         sample: &InertialSample,
         step_s: f32,
     ) -> UnitQuaternion<f32> {
+        self.measured_rates_rad_s = sample.rates_rad_s - self.rest_offset_rad_s.unwrap_or(self.gyro_offset_rad_s);
         let offset_free = sample.rates_rad_s - self.gyro_offset_rad_s;
         self.rates_rad_s = offset_free - offset_free.component_mul(&self.gyro_scale);
         let attitude = rotated_in_body(attitude, &(self.rates_rad_s * step_s));
@@ -239,6 +253,7 @@ impl AttitudeFilter {
             }
             Some((Measurement::GyroOffset, step_s)) => {
                 if let Some(change) = self.offset_change_at_rest() {
+                    self.update_rest_offset(self.gyro_offset_rad_s + change);
                     self.error_filter.measure_gyro_offset(&change, square(REST_RATE_DENSITY) / step_s);
                     self.apply_corrections();
                 }
@@ -251,6 +266,15 @@ impl AttitudeFilter {
                 self.due_measurement = Some((Measurement::Velocity, step.duration_s));
             }
             None => {}
+        }
+    }
+
+    /// Takes the rates at rest as the gyro's offset, unless they differ so much from those of an earlier rest that this one may be a
+    /// steady turn.
+    fn update_rest_offset(&mut self, rates_rad_s: Vector3<f32>) {
+        let is_steady_turn = |earlier: Vector3<f32>| (rates_rad_s - earlier).amax() > MAX_REST_OFFSET_CHANGE_RAD_S;
+        if !self.rest_offset_rad_s.is_some_and(is_steady_turn) {
+            self.rest_offset_rad_s = Some(rates_rad_s);
         }
     }
 
@@ -306,7 +330,12 @@ impl AttitudeFilter {
     pub fn attitude(&self) -> Option<InertialAttitude> {
         let (_, rotation) = self.attitude?;
         let covariance = self.error_filter.tilt_covariance();
-        Some(InertialAttitude::new(&rotation, self.rates_rad_s, self.start_count, &covariance))
+        Some(InertialAttitude::new(
+            &rotation,
+            [self.rates_rad_s, self.measured_rates_rad_s],
+            self.start_count,
+            &covariance,
+        ))
     }
 
     /// Estimated offsets of the sensor.

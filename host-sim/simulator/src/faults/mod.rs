@@ -3,6 +3,7 @@
 //! | interface | file | faults |
 //! |---|---|---|
 //! | magnetometer | `sensor.rs` | measurements and register upsets on the I2C bus |
+//! | gyro and accelerometer | `inertial.rs` | measurements, register upsets and silence of the chip |
 //! | attitude source | `attitude.rs` | modified messages, and additional senders |
 //! | link | `link_faults.rs` | an autopilot that pauses, other vehicles, forged messages |
 //! | field | `field.rs` | hard-iron changes and other fields at the chip |
@@ -12,6 +13,7 @@
 pub mod attitude;
 mod fault_switch;
 pub mod field;
+pub mod inertial;
 pub mod link_faults;
 pub mod sensor;
 
@@ -19,11 +21,15 @@ pub use fault_switch::FaultSwitch;
 
 use std::rc::Rc;
 
+use crate::devices::lsm6dsl::InertialFault;
+
 /// Faults of one module. Default: none.
 #[derive(Default)]
 pub struct Faults {
     /// Faults of a LIS3MDL.
     pub sensor_faults: Vec<Box<dyn sensor::SensorFault>>,
+    /// Faults of gyro and accelerometer.
+    pub inertial_faults: Vec<Box<dyn InertialFault>>,
     /// Faults of the attitude source.
     pub attitude_faults: Vec<Box<dyn attitude::AttitudeFault>>,
     /// Additional senders of attitude on the same line.

@@ -107,8 +107,11 @@ pub(super) const MIN_HARD_IRON_CHANGE: f32 = 0.02;
 /// Smallest reported turn of the mount, radians.
 pub(super) const MIN_MOUNT_TURN_RAD: f32 = 3.0 * DEG;
 
-/// Significance threshold of a change, sigmas of the least certain component.
-const SIGNIFICANCE_SIGMAS: f32 = 5.0;
+/// Significance threshold of a change of hard iron, sigmas of the least certain component.
+pub(super) const HARD_IRON_SIGNIFICANCE_SIGMAS: f32 = 5.0;
+
+/// Significance threshold of a turn of the mount, sigmas: iron that stays is no more certain, and would be reported alone.
+pub(super) const MOUNT_TURN_SIGNIFICANCE_SIGMAS: f32 = 3.0;
 
 /// Time without a failed gate before a report, seconds, for objects that pass by.
 const MIN_UNDISTURBED_S: f32 = 15.0;
@@ -119,14 +122,15 @@ const HYSTERESIS_RATIO: f32 = 0.75;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChangeDetector {
     min_size: f32,
+    min_sigmas: f32,
     is_significant: bool,
     undisturbed_s: f32,
 }
 
 impl ChangeDetector {
-    /// Detector of changes of `min_size` and more.
-    pub const fn new(min_size: f32) -> Self {
-        Self { min_size, is_significant: false, undisturbed_s: 0.0 }
+    /// Detector of changes of `min_size` and `min_sigmas` and more.
+    pub const fn new(min_size: f32, min_sigmas: f32) -> Self {
+        Self { min_size, min_sigmas, is_significant: false, undisturbed_s: 0.0 }
     }
 
     /// Updates with the size of the estimated change and its sigma, `step_s` after the last.
@@ -136,7 +140,7 @@ impl ChangeDetector {
             // A larger sigma does not end a reported change.
             size > HYSTERESIS_RATIO * self.min_size
         } else {
-            self.undisturbed_s >= MIN_UNDISTURBED_S && size > self.min_size.max(SIGNIFICANCE_SIGMAS * sigma)
+            self.undisturbed_s >= MIN_UNDISTURBED_S && size > self.min_size.max(self.min_sigmas * sigma)
         };
         self.is_significant
     }
@@ -146,7 +150,7 @@ impl ChangeDetector {
 mod tests {
     use super::*;
 
-    const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE);
+    const DETECTOR: ChangeDetector = ChangeDetector::new(MIN_HARD_IRON_CHANGE, HARD_IRON_SIGNIFICANCE_SIGMAS);
 
     /// Whether a change of this size and sigma is significant after `seconds` at 10 Hz.
     fn is_detected(detector: &mut ChangeDetector, [size, sigma]: [f32; 2], is_withholding: bool, seconds: u16) -> bool {

@@ -50,7 +50,10 @@ use coefficient_variance::CoefficientVarianceFactor;
 use coordinated_turn::CoordinatedTurn;
 use heading_drift::{GyroOffsetEstimate, HeadingDrift};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
-use installation_change::{ChangeDetector, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_RAD};
+use installation_change::{
+    ChangeDetector, HARD_IRON_SIGNIFICANCE_SIGMAS, MIN_HARD_IRON_CHANGE, MIN_MOUNT_TURN_RAD,
+    MOUNT_TURN_SIGNIFICANCE_SIGMAS,
+};
 pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
 use mean_innovation::{MeanInnovations, SlowChange};
 use measurement_model::{
@@ -64,7 +67,7 @@ pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::{ExplainedTurn, explained_turn};
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
-    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, HARD_IRON_PROBABILITY, HEADING_CHANGE_TIME_S, INITIAL_STEP_S,
+    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
     MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
     MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
     MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
@@ -140,8 +143,8 @@ impl Monitor {
             heading_drift: HeadingDrift::NO_DRIFT,
             noise_schedule_step: 0,
             acceleration_tilt: AccelerationTilt::INITIAL,
-            hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE),
-            mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD),
+            hard_iron_detector: ChangeDetector::new(MIN_HARD_IRON_CHANGE, HARD_IRON_SIGNIFICANCE_SIGMAS),
+            mount_detector: ChangeDetector::new(MIN_MOUNT_TURN_RAD, MOUNT_TURN_SIGNIFICANCE_SIGMAS),
             last_sample_at: None,
             samples_awaiting_current: 0,
             gyro_run_number: None,
@@ -385,7 +388,7 @@ impl Monitor {
         if let Some(SlowChange::Heading(heading_change_rad)) = slow_change
             && self.post_change_remaining_s <= 0.0
         {
-            self.inflate_causes_of_heading_change(heading_change_rad, step_s);
+            self.inflate_gyro_rate_offsets(heading_change_rad, step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => {
@@ -416,28 +419,26 @@ impl Monitor {
     ) {
         let unexplained = |Innovation { residual, variance }| (residual * residual - variance).max(0.0);
         let [strength, inclination, heading] = innovations.map(|innovation| innovation.map_or(0.0, unexplained));
-        let square_size = strength.max(inclination).max(heading * square(model.cos_inclination()));
+        let is_turning = self.heading_drift.is_turning();
+        // In a turn the heading shows errors of the gyro as well.
+        let heading = if is_turning { 0.0 } else { heading * square(model.cos_inclination()) };
+        let square_size = strength.max(inclination).max(heading);
         let variance = square_size.min(square(MAX_INFLATING_INNOVATION)) * step_s / UNEXPLAINED_CHANGE_TIME_S;
-        if self.heading_drift.is_turning() {
+        if is_turning {
             self.filter.inflate_variance(MOUNT_TURN_INDEX, variance);
         } else {
             self.inflate_states(&HARD_IRON_INDICES, variance);
         }
     }
 
-    /// Inflates the variances of the gyro's offsets, which may change faster than their process noise, and of the mount's
-    /// turn: a module that turns with its iron changes the heading alone. Other states are not inflated: on recorded
-    /// flights they would follow the attitude's errors.
-    fn inflate_causes_of_heading_change(&mut self, heading_change_rad: f32, step_s: f32) {
-        let angle_variance = square(heading_change_rad) * step_s / HEADING_CHANGE_TIME_S;
-        let rate_variance = angle_variance / square(HEADING_CHANGE_TIME_S);
-        let [y, z] = GYRO_RATE_OFFSET_INDICES;
-        for (state, variance, max_variance) in [
-            (y, rate_variance, MAX_GYRO_OFFSET_VARIANCE),
-            (z, rate_variance, MAX_GYRO_OFFSET_VARIANCE),
-            (MOUNT_TURN_INDEX, angle_variance, square(MAX_MOUNT_TURN_RAD)),
-        ] {
-            if self.filter.state_variance(state) < max_variance {
+    /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
+    /// not inflated: on recorded flights they would follow the attitude's errors, and a turn of the mount would follow a
+    /// gyro whose offset grows.
+    fn inflate_gyro_rate_offsets(&mut self, heading_change_rad: f32, step_s: f32) {
+        let rate_rad_s = heading_change_rad / GYRO_OFFSET_CHANGE_TIME_S;
+        let variance = rate_rad_s * rate_rad_s * step_s / GYRO_OFFSET_CHANGE_TIME_S;
+        for state in GYRO_RATE_OFFSET_INDICES {
+            if self.filter.state_variance(state) < MAX_GYRO_OFFSET_VARIANCE {
                 self.filter.inflate_variance(state, variance);
             }
         }

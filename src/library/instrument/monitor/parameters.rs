@@ -175,13 +175,12 @@ pub(super) const FIELD_DRIFT_TIME_S: f32 = 60.0;
 pub(super) const MIN_FIELD_DRIFT: f32 = 0.004;
 /// Factor on the squared drift of the field in the inflated variance.
 pub(super) const FIELD_DRIFT_INFLATION_FACTOR: f32 = 2.0;
-/// Variance of the mount's turn by that of the field's drift: a turn moves the horizontal field, half of it at 60 deg of
-/// inclination. With 1, a fifth more of the headings are bad after a turn of the mount.
-pub(super) const MOUNT_TURN_VARIANCE_FACTOR: f32 = 4.0;
+/// Variance of the mount's turn by that of the field's drift: a turn moves the horizontal field alone. With 4, the RMS is one
+/// and a half times as large when the gyro's offset grows by 2 deg/s in a minute.
+pub(super) const MOUNT_TURN_VARIANCE_FACTOR: f32 = 2.0;
 
-/// Time within which the gyro's offset, or a turn of the mount, accounts for a significant mean innovation of the heading,
-/// seconds.
-pub(super) const HEADING_CHANGE_TIME_S: f32 = 3.0;
+/// Time within which the gyro's offset accounts for a significant mean innovation of the heading, seconds.
+pub(super) const GYRO_OFFSET_CHANGE_TIME_S: f32 = 3.0;
 
 /// Largest variance to which that of a gyro offset is inflated, (1 deg/s)^2.
 pub(super) const MAX_GYRO_OFFSET_VARIANCE: f32 = 0.0175 * 0.0175;

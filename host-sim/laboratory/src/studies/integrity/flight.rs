@@ -1,5 +1,6 @@
 //! One flight of a case: calibration, then a flight in which every output sentence is evaluated.
 
+use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Calibration;
 use autoswing_firmware::health::ResetCause;
 use autoswing_module::settings::HeadingKind;
@@ -89,6 +90,14 @@ pub(super) fn fly_drawn_case(
         fault_switch.set_active(0, u64::MAX);
     }
     rig.run_for_s(2.0);
+    // Rest shows the offset of the module's own gyro.
+    if world.attitude != AttitudeSource::Autopilot {
+        let (attitude_name, _) = AttitudeSource::NAMED_SOURCES[world.attitude as usize];
+        rig.send_console_line(&format!("set attitude {attitude_name}"));
+        hold_still(&rig);
+        rig.run_for_s(5.0);
+        rig.world.end_prescribed_motion();
+    }
     select_heading(&mut rig, plan);
     rig.send_console_line(drawn_case.routine.start_command);
     if let FaultOnset::DuringCalibration { after_s, until_s } = onset {
@@ -236,15 +245,7 @@ fn fly_after_calibration(
     let RandomCase { ground_time_s, flight_after_calibration_s, first_legs, further_legs, .. } = *drawn_case;
     let mut random = RandomStream::new(seed, StreamPurpose::Legs);
     if ground_time_s > 0.0 {
-        // Keeps the last attitude and the unwrapped heading, to avoid jumps.
-        let now = rig.world.true_state(rig.now_us());
-        let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
-        rig.world.set_prescribed_motion(PrescribedMotion {
-            roll_deg,
-            pitch_deg,
-            heading_deg,
-            ..PrescribedMotion::default()
-        });
+        hold_still(rig);
     }
     let take_off_us = add_seconds_us(rig.now_us(), ground_time_s);
     let end_us = add_seconds_us(take_off_us, flight_after_calibration_s);
@@ -280,6 +281,18 @@ fn fly_after_calibration(
         }
     }
     notes
+}
+
+/// Keeps the last attitude and the unwrapped heading, to avoid jumps.
+fn hold_still(rig: &Rig) {
+    let now = rig.world.true_state(rig.now_us());
+    let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
+    rig.world.set_prescribed_motion(PrescribedMotion {
+        roll_deg,
+        pitch_deg,
+        heading_deg,
+        ..PrescribedMotion::default()
+    });
 }
 
 fn evaluated_sentence(received: HeadingSentence, true_heading_deg: f64) -> EvaluatedSentence {

@@ -17,7 +17,7 @@ use testkit::clock;
 
 use crate::devices::i2c::SimulatedI2cDevice;
 pub use measurement_errors::MeasurementErrors;
-pub use motion::{InertialSource, InertialTruth};
+pub use motion::{InertialFault, InertialSource, InertialTruth};
 use registers::Lsm6dslRegisters;
 
 /// 7-bit address with pin SDO/SA0 low, as on ST's boards.
@@ -31,6 +31,7 @@ pub struct SimulatedLsm6dsl {
     source: InertialSource,
     /// End of the next sample, microseconds; `None` while powered down.
     next_sample_us: Option<u64>,
+    faults: Vec<Box<dyn InertialFault>>,
     is_silent: bool,
     is_frozen: bool,
     has_failed_sensor: bool,
@@ -45,10 +46,16 @@ impl SimulatedLsm6dsl {
             errors: MeasurementErrors::new(seed, error_scale),
             source,
             next_sample_us: None,
+            faults: Vec::new(),
             is_silent: false,
             is_frozen: false,
             has_failed_sensor: false,
         }))
+    }
+
+    /// Adds faults.
+    pub fn set_faults(&mut self, faults: Vec<Box<dyn InertialFault>>) {
+        self.faults = faults;
     }
 
     /// Fault: the chip does not acknowledge while `is_silent`.
@@ -101,6 +108,12 @@ impl SimulatedLsm6dsl {
             return;
         }
         let mut measured = self.errors.measure(&(self.source)(sampled_us), 1e6 / period_us as f64);
+        for fault in &mut self.faults {
+            fault.modify_measurement(sampled_us, &mut measured);
+            if let Some((register, bit)) = fault.register_upset(now_us) {
+                self.registers.flip_bit(register, bit);
+            }
+        }
         let self_test = self.registers.self_test_change();
         measured.rates_rad_s += self_test.rates_rad_s;
         measured.specific_force_m_s2 += self_test.specific_force_m_s2;
@@ -113,7 +126,8 @@ impl SimulatedLsm6dsl {
 
 impl SimulatedI2cDevice for SimulatedLsm6dsl {
     fn acknowledges_address(&self, address: u8) -> bool {
-        !self.is_silent && address == ADDRESS
+        let is_silent = self.is_silent || self.faults.iter().any(|fault| fault.is_silent(clock::now_us()));
+        !is_silent && address == ADDRESS
     }
 
     fn write_bytes(&mut self, bytes: &[u8]) {

@@ -15,3 +15,25 @@ pub struct InertialTruth {
 
 /// Motion as a function of simulation time in microseconds.
 pub type InertialSource = Box<dyn FnMut(u64) -> InertialTruth>;
+
+/// Fault of the chip.
+pub trait InertialFault {
+    /// Modifies a measurement.
+    fn modify_measurement(&mut self, _at_us: u64, _measured: &mut InertialTruth) {}
+
+    /// Register address and bit of a bit that flips now.
+    fn register_upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
+        None
+    }
+
+    /// Whether the chip does not answer.
+    fn is_silent(&self, _at_us: u64) -> bool {
+        false
+    }
+}
+
+impl<F: FnMut(u64, &mut InertialTruth)> InertialFault for F {
+    fn modify_measurement(&mut self, at_us: u64, measured: &mut InertialTruth) {
+        self(at_us, measured);
+    }
+}

@@ -3,7 +3,9 @@
 use std::f64::consts::TAU;
 use std::rc::Rc;
 
+use autoswing::attitude::AttitudeSource;
 use nalgebra::Vector3;
+use simulator::devices::lsm6dsl::InertialFault;
 use simulator::faults::attitude::{
     AdditionalLatency, AttitudeFault, FilterAlignment, SecondSender, SourceRestart, SourceSilence, attitude_bias,
     attitude_quantisation, bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error,
@@ -203,6 +205,13 @@ impl RandomCase {
     pub(super) fn add_sensor_fault(&mut self, onset: FaultOnset, fault: impl SensorFault + 'static) {
         self.fault_onset = onset;
         self.faults.sensor_faults.push(Box::new(fault));
+    }
+
+    /// Adds a fault of the module's own gyro and accelerometer, whose body rates are used beside the autopilot's attitude.
+    pub(super) fn add_inertial_fault(&mut self, onset: FaultOnset, fault: impl InertialFault + 'static) {
+        self.fault_onset = onset;
+        self.world.attitude = AttitudeSource::Automatic;
+        self.faults.inertial_faults.push(Box::new(fault));
     }
 
     pub(super) fn add_attitude_fault(&mut self, onset: FaultOnset, fault: impl AttitudeFault + 'static) {
