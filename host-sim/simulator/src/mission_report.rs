@@ -163,7 +163,6 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
             Vec::new()
         },
         sigma_by_heading_deg: expected_deg.map_or_else(Vec::new, |rms_deg| vec![rms_deg; 12]),
-        sigma_description: "the expected error of the calibration, RMS over all headings",
         samples: moments,
         event_marks: vec![EventMark {
             time_s: mission_result.solve_end_s,

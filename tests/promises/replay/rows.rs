@@ -114,7 +114,7 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
         replay_rows(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURN_SAMPLES_OPTIONS }).solution.unwrap();
     assert!((with_inclination.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
     let all_rows_result = replay_rows(&rows, &ALL_ROWS_OPTIONS);
-    assert!(all_rows_result.fitted_times_s.len() > replay_rows(&until(35.0), &ALL_ROWS_OPTIONS).fitted_times_s.len());
+    assert!(all_rows_result.fitted_count > replay_rows(&until(35.0), &ALL_ROWS_OPTIONS).fitted_count);
 }
 
 /// A straight leg and a third of a circle.

@@ -98,11 +98,7 @@ impl<'a> ModuleRun<'a> {
         RunOutcome {
             solution: self.candidate,
             acceptance: self.outcome.clone().unwrap_or(Err(Refusal::NoSamples)),
-            fitted_times_s: selection
-                .select_samples(collector.fit_samples())
-                .all_samples()
-                .map(sample_time_s)
-                .collect(),
+            fitted_count: selection.select_samples(collector.fit_samples()).all_samples().count(),
             collection_end_s: self.ended_s,
         }
     }

@@ -36,8 +36,7 @@ pub fn replay_rows_of_flight(
         RowSelection::Turns => calibrate_module(&usable, Procedure::Turns, options, config),
         RowSelection::Flight => calibrate_module(&usable, Procedure::Flight, options, config),
     };
-    let RunOutcome { solution, acceptance: accepted, fitted_times_s: fitted_s, collection_end_s: ended_s } =
-        run_outcome;
+    let RunOutcome { solution, acceptance, fitted_count, collection_end_s } = run_outcome;
     let headings = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut remaining_headings = headings.iter().map(heading);
@@ -45,15 +44,7 @@ pub fn replay_rows_of_flight(
     };
     let (raw, smooth) =
         (scored_headings(|row| [row.heading_deg, row.sigma_deg]), scored_headings(HeadingRow::sent_and_sigma_deg));
-    ReplayResult {
-        solution,
-        acceptance: accepted,
-        fitted_times_s: fitted_s,
-        collection_end_s: ended_s,
-        headings,
-        score: raw,
-        smoothed_score: smooth,
-    }
+    ReplayResult { solution, acceptance, fitted_count, collection_end_s, headings, score: raw, smoothed_score: smooth }
 }
 
 /// The module's calibration from samples that it collects by a procedure.
@@ -124,7 +115,7 @@ mod tests {
         let mut solution = *compass_of_flown_turns().1.parameter_fit.solution().unwrap();
         solution.quality.expected_rms_deg = expected_deg;
         let solution = expected_deg.is_finite().then_some(solution);
-        RunOutcome { solution, acceptance: Ok(()), fitted_times_s: Vec::new(), collection_end_s: None }
+        RunOutcome { solution, acceptance: Ok(()), fitted_count: 0, collection_end_s: None }
     }
 
     /// Poor is over 2 deg.

@@ -109,8 +109,8 @@ pub struct ReplayResult {
     pub solution: Option<Solution>,
     /// Whether the module would have accepted the solution; otherwise the reason, with what the flight lacked.
     pub acceptance: Result<(), Refusal>,
-    /// Times of the fitted samples, seconds after the first row, unordered.
-    pub fitted_times_s: Vec<f64>,
+    /// Number of fitted samples.
+    pub fitted_count: usize,
     /// Time of the automatic end, seconds after the first row.
     pub collection_end_s: Option<f64>,
     /// Headings, one for each row; empty without a solution.

@@ -13,12 +13,12 @@ use super::result::ReplayOptions;
 use crate::log::FieldCorrection;
 use crate::score::accepted_by_uncalibrated;
 
-/// Result of a run: the solution, whether the module accepts it, the times of the fitted samples in seconds, and the
-/// time of the automatic end.
+/// Result of a run: the solution, whether the module accepts it, the number of fitted samples, and the time of the
+/// automatic end in seconds.
 pub(super) struct RunOutcome {
     pub solution: Option<Solution>,
     pub acceptance: Result<(), Refusal>,
-    pub fitted_times_s: Vec<f64>,
+    pub fitted_count: usize,
     pub collection_end_s: Option<f64>,
 }
 
@@ -39,7 +39,7 @@ impl RunOutcome {
         Self {
             acceptance: accepted.map_err(|refusal| refusal.with_cause(collection_problem.or_else(missing))),
             solution,
-            fitted_times_s: fit.all_samples().map(sample_time_s).collect(),
+            fitted_count: fit.all_samples().count(),
             collection_end_s: None,
         }
     }

@@ -40,8 +40,7 @@ pub fn has_samples(compass: &CompassReport) -> bool {
     !compass.samples.is_empty() || !compass.curves_before.is_empty()
 }
 
-/// The samples in columns of hundredths (missing: null), `kinds` with a digit for each (1 usable, 2 fitted, 4 without a
-/// heading), and all else that the charts need.
+/// The samples in columns of hundredths (missing: null), `kinds` with a digit for each (1 usable, 4 without a heading), and all else that the charts need.
 pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
     let rows = with_gaps(&drawn_samples(&compass.samples));
     let column = |column_value: &dyn Fn(&ReportSample) -> Option<f64>| -> Option<Vec<Value>> {
@@ -79,7 +78,7 @@ fn to_hundredths(number: f64) -> Option<i64> {
 }
 
 fn sample_code(sample: &ReportSample) -> char {
-    let bits = u8::from(sample.is_usable) + 2 * u8::from(sample.is_fitted) + 4 * u8::from(sample.is_heading_withheld);
+    let bits = u8::from(sample.is_usable) + 4 * u8::from(sample.is_heading_withheld);
     char::from(b'0' + bits)
 }
 

@@ -1,6 +1,6 @@
 //! Contents of a page, independent of their source (mission or log).
 
-use crate::numbers::{mean_angle_deg, quantile};
+use crate::numbers::mean_angle_deg;
 use crate::replay::verdict::CompassState;
 use crate::replay::{ParameterChange, ParameterFile};
 use crate::score::wrap_180;
@@ -93,8 +93,6 @@ pub struct CompassReport {
     pub curves_after: Vec<DeviationCurve>,
     /// Expected standard deviation by heading, degrees; as long as a line, or empty.
     pub sigma_by_heading_deg: Vec<f64>,
-    /// Description of the expected standard deviation.
-    pub sigma_description: &'static str,
     /// States of the flight in order of time.
     pub samples: Vec<ReportSample>,
     /// Time of the last change of hard iron or mounting, seconds: means and the deviation card are of later samples.
@@ -109,8 +107,6 @@ pub struct CompassReport {
     pub earth_field: Option<[f64; 2]>,
     /// Magnetic heading less the heading of the samples, degrees.
     pub magnetic_offset_deg: f64,
-    /// Whether fitted samples are marked.
-    pub has_fitted_marks: bool,
     /// Advice for the next flight.
     pub advice: Option<String>,
     /// Coefficients: `W` by rows and `b`, microtesla.
@@ -173,8 +169,6 @@ pub struct ReportSample {
     pub error_before_deg: Option<f64>,
     /// Whether field and attitude are usable.
     pub is_usable: bool,
-    /// Whether the sample was fitted.
-    pub is_fitted: bool,
     /// Whether the module would not have sent the heading.
     pub is_heading_withheld: bool,
 }
@@ -244,21 +238,6 @@ impl CompassReport {
     }
 }
 
-/// Largest magnitude; zero of an empty list.
-pub(super) fn max_magnitude(numbers: impl Iterator<Item = f64>) -> f64 {
-    numbers.filter(|number| number.is_finite()).map(f64::abs).fold(0.0, f64::max)
-}
-
-/// Quantile of the magnitudes, `fraction` from 0 to 1; zero of an empty list.
-pub(super) fn magnitude_quantile(numbers: impl Iterator<Item = f64>, fraction: f64) -> f64 {
-    quantile(numbers.filter(|number| number.is_finite()).map(f64::abs), fraction).unwrap_or(0.0)
-}
-
-/// At most `max_items` items, evenly spaced.
-pub(super) fn subsample<T>(items: &[T], max_items: usize) -> impl Iterator<Item = &T> {
-    items.iter().step_by(items.len().div_ceil(max_items.max(1)).max(1))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -312,15 +291,5 @@ mod tests {
         assert_eq!(report.samples_since_change().len(), 2);
         assert!((report.subtract_mean_errors()[2].unwrap() - 31.0).abs() < 1e-9);
         assert!((report.samples[0].error_deg.unwrap() + 21.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn subsampling_keeps_the_limit() {
-        let items: Vec<usize> = (0..1001).collect();
-        assert_eq!(subsample(&items, 500).count(), 334);
-        assert_eq!(subsample(&items, 2000).count(), 1001);
-        assert_eq!(subsample(&items[..0], 5).count(), 0);
-        assert!((magnitude_quantile([1.0, -2.0, f64::NAN, 3.0, -100.0].into_iter(), 0.67) - 3.0).abs() < 1e-9);
-        assert!(max_magnitude([1.0, -2.0, f64::NAN].into_iter()) < 2.1);
     }
 }

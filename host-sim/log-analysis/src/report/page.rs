@@ -1,8 +1,8 @@
 //! Assembles the HTML page.
 
+use super::deviation_picture::style_css;
 use super::model::Report;
 use super::sections;
-use super::svg::style_css;
 use super::text::{concat_map, escape_html};
 
 const STYLE: &str = include_str!("assets/page.css");

@@ -1,8 +1,8 @@
 //! Sections of the page.
 
 use super::chart_samples::{has_samples, samples_json};
+use super::deviation_picture::DeviationPicture;
 use super::model::{CompassReport, DeviationCurve, ReferenceInfo, Report, ReportSample, VerdictLine};
-use super::pictures::{Picture, coverage, deviation};
 use super::text::{concat_map, escape_html};
 use crate::numbers::{format_number, format_optional};
 use crate::replay::ParameterFile;
@@ -12,10 +12,10 @@ use crate::replay::verdict::CompassState;
 pub fn verdict_section(report: &Report) -> String {
     let mut lines = report.verdicts.iter().map(verdict_line);
     let first = lines.next().unwrap_or_default();
-    let picture = report.compasses.first().filter(|compass| compass.has_curves()).map_or_else(String::new, |compass| {
-        let picture = deviation::common_scale_picture(compass, report.reference.difference_name);
-        figure("narrow", "deviation", &picture, &escape_html(&picture.caption))
-    });
+    let picture =
+        report.compasses.first().filter(|compass| compass.has_curves()).map_or_else(String::new, |compass| {
+            figure(&DeviationPicture::new(compass, report.reference.difference_name))
+        });
     let steps = concat_map(&report.next_steps, |step| format!("<li>{}</li>\n", escape_html(step)));
     let steps = if steps.is_empty() { steps } else { format!("<h3>What to do</h3>\n<ol>\n{steps}</ol>\n") };
     let others: String = lines.collect();
@@ -61,14 +61,12 @@ pub fn parameters_section(report: &Report) -> String {
 
 /// Charts of each compass.
 pub fn charts_section(report: &Report) -> String {
-    of_each_compass(report, |id, compass| {
-        let mut html = Vec::new();
-        if has_samples(compass) {
-            html.push(chart_figures(compass, report.reference.difference_name));
-            html.push("<noscript><p>The charts need JavaScript.</p></noscript>\n".to_owned());
-        }
-        html.push(html_figure(&format!("{id}-coverage"), &coverage::coverage_picture(compass)));
-        html.concat()
+    if !report.compasses.iter().any(has_samples) {
+        return String::new();
+    }
+    of_each_compass(report, |compass| {
+        let figures = chart_figures(compass, report.reference.difference_name);
+        figures + "<noscript><p>The charts need JavaScript.</p></noscript>\n"
     })
 }
 
@@ -90,17 +88,17 @@ pub fn cards_section(report: &Report) -> String {
     if !report.reference.is_accurate || !report.compasses.iter().any(CompassReport::has_curves) {
         return String::new();
     }
-    of_each_compass(report, |_, compass| deviation_card(compass, &report.reference))
+    of_each_compass(report, |compass| deviation_card(compass, &report.reference))
 }
 
 /// A part of the page for each compass, of which `assets/compasses.js` shows the chosen one.
-fn of_each_compass(report: &Report, html: impl Fn(&str, &CompassReport) -> String) -> String {
+fn of_each_compass(report: &Report, html: impl Fn(&CompassReport) -> String) -> String {
     let several = report.compasses.len() > 1;
-    concat_map((1..).zip(&report.compasses), |(number, compass): (usize, _)| {
+    concat_map(&report.compasses, |compass| {
         let heading =
             if several { format!("<h3>{}</h3>\n", escape_html(&compass.compass_name)) } else { String::new() };
         let name = escape_html(&compass.compass_name);
-        let html = html(&format!("compass-{number}"), compass);
+        let html = html(compass);
         format!("<div class=\"compass\" data-compass=\"{name}\">\n{heading}{html}</div>\n")
     })
 }
@@ -128,7 +126,7 @@ pub fn figures_section(report: &Report) -> String {
     if !report.calibrators.calibrator_rows.is_empty() {
         html.push(comparison_table(report));
     }
-    html.push(of_each_compass(report, |_, compass| facts_list(&compass.facts) + &coefficients_table(compass)));
+    html.push(of_each_compass(report, |compass| facts_list(&compass.facts) + &coefficients_table(compass)));
     if let Some(session) = &report.console_session {
         html.push(format!(
             "<details class=\"terminal\"><summary>Console session</summary>\n{}</details>\n",
@@ -194,6 +192,8 @@ fn charts(compass_report: &CompassReport, difference_name: &str) -> Vec<Chart> {
     let marks = concat_map(&compass_report.event_marks, |mark| {
         format!(" {} s: {}.", format_number(mark.time_s, 0), mark.event_name)
     });
+    let advice =
+        compass_report.advice.as_ref().map_or_else(String::new, |advice| format!(" Most useful next: {advice}."));
     let unused = if has_sample(|sample| !sample.is_usable) { " Grey: not used." } else { "" };
     let chart = |is_drawn: bool, kind, title, description| is_drawn.then_some((kind, title, description));
     [
@@ -231,7 +231,9 @@ fn charts(compass_report: &CompassReport, difference_name: &str) -> Vec<Chart> {
             has_sample(|sample| sample.raw_ut.is_some()),
             "sphere",
             "Directions of the field",
-            "Shaded: directions near level flight that were not flown. Drag it, or use the arrow keys.".to_owned(),
+            format!(
+                "Shaded: directions near level flight that were not flown. Drag it, or use the arrow keys.{advice}"
+            ),
         ),
     ]
     .into_iter()
@@ -297,18 +299,13 @@ fn deviation_card(compass_report: &CompassReport, compared: &ReferenceInfo) -> S
     )
 }
 
-fn html_figure(id: &str, picture: &Picture) -> String {
-    let class = if picture.needs_full_width { "wide" } else { "narrow" };
-    let [title, caption] = [&picture.title, &picture.caption].map(|text| escape_html(text));
-    figure(class, id, picture, &format!("<b>{title}.</b> {caption}"))
-}
-
-fn figure(class: &str, id: &str, picture: &Picture, caption_html: &str) -> String {
+fn figure(picture: &DeviationPicture) -> String {
     format!(
-        "<figure class=\"{class}\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{title}: picture\">\n{}\
-         </div><figcaption>{caption_html}</figcaption></figure>\n",
-        picture.svg.to_inline(id, &picture.title, &picture.description),
-        title = escape_html(&picture.title),
+        "<figure class=\"narrow\"><div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"{}: picture\">\n{}\
+         </div><figcaption>{}</figcaption></figure>\n",
+        picture.title,
+        picture.inline(),
+        escape_html(&picture.description),
     )
 }
 

@@ -36,7 +36,7 @@ impl Verdict<'_> {
                 ),
             );
         }
-        for load in &compass.bending_loads {
+        if let Some(load) = &compass.bending_load {
             add_fact("what bends it", load.to_string());
         }
         match parameters {

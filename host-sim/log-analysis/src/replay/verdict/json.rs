@@ -101,12 +101,11 @@ impl CompassVerdict<'_> {
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
                 "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
-            "bent_by": compass.bending_loads.iter().map(|load| json!({
-                "code": load.cause.stable_code(),
+            "bent_by": compass.bending_load.iter().map(|load| json!({
+                "code": load.stable_code(),
                 "words": load.to_string(),
-                "numbers": load.cause.source_numbers(),
-                "at_a": load.cause.at_current_a().map(|amperes| round_to(amperes, 1)),
-                "period_s": load.cause.period_s().map(|period_s| round_to(period_s, 3)),
+                "numbers": load.source_numbers(),
+                "at_a": load.at_current_a.map(|amperes| round_to(amperes, 1)),
                 "ut": round_to(load.size_ut, 2),
                 "deg": round_to(load.heading_effect_deg, 1),
                 "sigmas": round_to(load.sigmas, 1),
@@ -128,7 +127,7 @@ impl CompassVerdict<'_> {
             "refusal": refusal.map(|refusal| json!({ "code": refusal.stable_code(), "words": refusal.to_string() })),
             "calibrated_s": self.evaluation.calibration_time_s().map(|s| round_to(s, 1)),
             "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
-            "samples": result.fitted_times_s.len(),
+            "samples": result.fitted_count,
             "fit": result.solution.as_ref().map(solution_json),
             "smooth": result.smoothed_score.as_ref().map(score_json),
         })

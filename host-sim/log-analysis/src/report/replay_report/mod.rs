@@ -122,7 +122,6 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         before_correction_name: logged_correction_source(compass).source_name(),
         corrected_by: if exported.is_some() { "with the parameters to load" } else { "by the fit" },
         earth_field: solution.map(|s| expected_earth(evaluation, &s.calibration, exported.is_some())),
-        has_fitted_marks: compass.module_result.is_some(),
         advice: solution.and_then(|s| s.advice).filter(Advice::is_worthwhile).map(|advice| {
             let [now, then] =
                 [advice.expected_deg, advice.expected_after_deg].map(|deg| format_number(f64::from(deg), 2));
@@ -213,26 +212,13 @@ struct ShownCorrections<'a> {
 }
 
 fn report_samples(compass: &CompassEvaluation, corrections: &ShownCorrections<'_>) -> Vec<ReportSample> {
-    let Some(first) = compass.rows.first() else { return Vec::new() };
     let module = compass.module_result.as_ref();
-    let mut samples: Vec<ReportSample> = compass
+    let samples = compass
         .rows
         .iter()
         .enumerate()
-        .map(|(i, row)| corrections.report_sample(row, module.and_then(|module| module.headings.get(i))))
-        .collect();
-    for fitted_s in module.iter().flat_map(|module| &module.fitted_times_s).map(|since_s| since_s + first.t_s) {
-        // Marks the nearest row: times of samples are means in whole milliseconds.
-        let after = samples.partition_point(|sample| sample.time_s < fitted_s).min(samples.len() - 1);
-        let neighbours = [after.saturating_sub(1), after];
-        let time_difference =
-            |i: &usize| samples.get(*i).map_or(f64::INFINITY, |sample| (sample.time_s - fitted_s).abs());
-        let nearest = neighbours.into_iter().min_by(|a, b| time_difference(a).total_cmp(&time_difference(b)));
-        if let Some(sample) = nearest.and_then(|nearest| samples.get_mut(nearest)) {
-            sample.is_fitted = true;
-        }
-    }
-    samples
+        .map(|(i, row)| corrections.report_sample(row, module.and_then(|module| module.headings.get(i))));
+    samples.collect()
 }
 
 impl ShownCorrections<'_> {
@@ -263,7 +249,6 @@ impl ShownCorrections<'_> {
             sigma_deg: module.map(|module| module.sigma_deg).filter(|deg| deg.is_finite()),
             is_usable: row.is_usable,
             is_heading_withheld: module.is_some_and(|module| module.status.is_err()),
-            ..ReportSample::default()
         }
     }
 }

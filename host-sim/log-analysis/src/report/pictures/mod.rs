@@ -1,5 +1,0 @@
-pub mod coverage;
-pub mod deviation;
-mod picture;
-
-pub use picture::Picture;
