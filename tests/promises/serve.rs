@@ -405,19 +405,15 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     assert!(status.contains("ok calibrated") && status.contains("declination: 7.0 deg"), "{status}");
 }
 
-/// With a real console program and a real pseudo-terminal.
+/// With a real pseudo-terminal, opened twice.
 #[test]
 fn serve_over_a_pseudo_terminal_answers_and_removes_it() {
     let mut program = ServeProgram::start_serve(&["--speed", "5"]);
     let path = program.pty_path(CONSOLE_PORT);
     for _ in 0..2 {
-        let mut console = host_sim_command(["console", &path]).spawn().unwrap();
-        let mut printed = console.stdout.take().unwrap();
-        let mut keys = console.stdin.take().unwrap();
-        keys.write_all(b"\rstatus all\r").unwrap();
-        read_until(&mut printed, contains_text("calibration: none"));
-        drop(keys);
-        assert!(console.wait().unwrap().success(), "it ends when nothing more is typed");
+        let mut terminal = fs::File::options().read(true).write(true).open(&path).unwrap();
+        terminal.write_all(b"\rstatus all\r").unwrap();
+        read_until(&mut terminal, contains_text("calibration: none"));
     }
     let mut nmea = fs::File::open(program.pty_path(INSTRUMENT_PORT)).unwrap();
     read_until(&mut nmea, contains_text("$HCHDM,,M*07\r\n"));
@@ -449,46 +445,6 @@ fn attaching_programs_are_reported_and_a_flash_file_has_one_user() {
     assert_eq!(program.interrupt_for_exit_code(), Some(130));
 }
 
-/// `reboot` requires a disarmed vehicle; lines after `quit` are not sent.
-#[test]
-fn the_private_console_takes_orders_and_quits() {
-    let mut console = host_sim_command(["console", "--speed", "20"]).spawn().unwrap();
-    let mut keys = console.stdin.take().unwrap();
-    let mut printed = console.stdout.take().unwrap();
-    keys.write_all(b"reboot\r!land\r").unwrap();
-    read_until(&mut printed, contains_text("ok lands"));
-    keys.write_all(b"!status\r").unwrap();
-    let is_landed = |received: &[u8]| contains_text("stands on the ground")(received);
-    let mut received = Vec::new();
-    while !is_landed(&received) {
-        std::thread::sleep(Duration::from_millis(100));
-        keys.write_all(b"!status\r").unwrap();
-        received = read_until(&mut printed, contains_text("ok "));
-    }
-    keys.write_all(b"version\rquit\rhelp\r").unwrap();
-    drop(keys);
-    let mut remaining_output = String::new();
-    printed.read_to_string(&mut remaining_output).unwrap();
-    assert!(console.wait().unwrap().success());
-    assert!(
-        remaining_output.contains("ok autoswing 0.1.0") && !remaining_output.contains("lists the commands"),
-        "{remaining_output}"
-    );
-}
-
-/// The answers of 80 lines are 140 KB; the lines that arrive during one would not fit the port's receive buffer.
-#[test]
-fn each_piped_line_is_answered() {
-    let mut console = host_sim_command(["console", "--speed", "20"]).spawn().unwrap();
-    console.stdin.take().unwrap().write_all(["version\n", &"status all\n".repeat(80)].concat().as_bytes()).unwrap();
-    let Output { status, stdout, .. } = console.wait_with_output().unwrap();
-    assert!(status.success());
-    let printed = String::from_utf8(stdout).unwrap();
-    assert!(printed.contains("ok autoswing 0.1.0"), "{printed}");
-    assert_eq!(printed.matches("> status all").count(), 80);
-    assert!(printed.ends_with("> \n"), "{:?}", &printed[printed.len() - 20..]);
-}
-
 #[test]
 fn serve_errors_are_reported_with_code_and_cause() {
     let folder = tempfile::tempdir().unwrap();
@@ -518,8 +474,6 @@ fn serve_errors_are_reported_with_code_and_cause() {
         (["serve", "--airframe", &range], "airframe-out-of-range", &range),
         (["serve", "--tcp", &tcp], "tcp-unavailable", &tcp),
         (["serve", "--world", &udp], "world-unavailable", &udp),
-        (["console", "--tcp", "1"], "no-module", "TCP port 1"),
-        (["console", "/nowhere/pts", "--speed=1"], "no-module", "/nowhere/pts"),
         (["serve", "--pattern", "eights"], "invalid value 'eights'", "routine, circles, wandering, level"),
     ] {
         let Output { status, stderr, .. } = host_sim_command(arguments).output().unwrap();

@@ -19,8 +19,8 @@ use host_sim::{commands, print};
 ///
 /// It has the commands of `host-sim`, too.
 ///
-/// Everything but `serve` and `console` runs in virtual time and depends on the seed only: the same command prints the
-/// same bytes. `serve` and `console` follow the wall clock and their inputs. Exit codes: 0 done, 1 refused or beyond a
+/// Everything but `serve` runs in virtual time and depends on the seed only: the same command prints the same bytes.
+/// `serve` follows the wall clock and its inputs. Exit codes: 0 done, 1 refused or beyond a
 /// limit, 2 wrong command; 130 ended by Ctrl-C, 141 the reader closed the pipe. docs/json.md describes the output of
 /// --json.
 #[derive(Debug, Parser)]
@@ -41,7 +41,6 @@ enum LabCommand {
     #[command(flatten)]
     Pilot(commands::CliCommand),
     Serve(serve::ServeCommandOptions),
-    Console(serve::ConsoleOptions),
     #[command(after_help = EMULATE_EXAMPLE, after_long_help = EMULATE_EXAMPLE)]
     Emulate(emulate::EmulateOptions),
     Table1(table1::Table1Options),
@@ -70,16 +69,12 @@ pub fn run_program() -> ExitCode {
 fn execute_command(command: &LabCommand) -> Result<ExitCode, CommandFailure> {
     match command {
         // Commands that clean up after a termination signal.
-        LabCommand::Emulate(_)
-        | LabCommand::Serve(_)
-        | LabCommand::Console(_)
-        | LabCommand::Bench(BenchCommand::Budget(_)) => {}
+        LabCommand::Emulate(_) | LabCommand::Serve(_) | LabCommand::Bench(BenchCommand::Budget(_)) => {}
         _ => TerminationSignals::install_immediate_exit()?,
     }
     match command {
         LabCommand::Pilot(command) => command.execute(),
         LabCommand::Serve(options) => serve::run_serve(options),
-        LabCommand::Console(options) => serve::run_console(options),
         LabCommand::Emulate(options) => emulate::run_emulate(options),
         LabCommand::Table1(options) => table1::run_table1(options),
         LabCommand::Bench(BenchCommand::Accuracy(options)) => accuracy::run_accuracy(options),

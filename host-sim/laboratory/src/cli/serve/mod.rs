@@ -1,4 +1,4 @@
-//! `lab serve` and `lab console`.
+//! `lab serve`.
 
 mod byte_connections;
 mod can;
@@ -8,13 +8,9 @@ mod pty;
 mod real_time_pace;
 mod serve_loop;
 
-use std::io;
-use std::net::{Ipv4Addr, TcpStream, UdpSocket};
+use std::net::{Ipv4Addr, UdpSocket};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
-use std::sync::mpsc::{self, Sender};
-use std::thread;
 
 use crate::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use clap::Args;
@@ -25,7 +21,7 @@ use simulator::mission_report::airframe_json;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
-use self::byte_connections::{ByteConnection, Connection, MAX_POLL_BYTES, POLL_INTERVAL, TcpPort, Terminal};
+use self::byte_connections::{ByteConnection, TcpPort};
 use self::can::MulticastBus;
 use self::flash_writer::FlashWriter;
 use self::serve_loop::{Connections, PilotCommandInput};
@@ -44,7 +40,7 @@ use host_sim::print;
 ///
 /// `lab serve --tcp 5760`
 ///
-/// `lab console --tcp 5760` in another terminal; then: cal start
+/// `nc 127.0.0.1 5760` in another terminal; then: cal start
 ///
 /// Until an autopilot sends attitude to its port, the simulator sends attitude, current and, with the airframe table1,
 /// position and date. An MSP autopilot needs `--attitude peer`.
@@ -53,54 +49,6 @@ use host_sim::print;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: lab serve --tcp 5760", after_long_help = after_help())]
 pub struct ServeCommandOptions {
-    #[command(flatten)]
-    module_options: ModuleOptions,
-    /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
-    /// autopilot, instrument; 0: any free ones. Each accepts up to eight clients
-    #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
-    tcp: Option<u16>,
-    /// Take the attitude from another simulator: UDP datagrams to this port of this computer, 0 to 65535 (0: any free
-    /// one), each a text `roll_deg pitch_deg yaw_deg [step_s]`, right wing down and nose up positive, yaw from magnetic
-    /// north, at 20 Hz or more. The simulator's own attitude is then sent as disarmed. With step_s, 0 to 1, that
-    /// simulator drives the module's clock: the module advances by it, answers with its time, and waits. The first
-    /// datagram sets the attitude at once; a later jump can appear to the module as a change of hard iron
-    #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
-    world: Option<u16>,
-    /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
-    /// ArduPilot's simulator and pydronecan use it
-    #[arg(long, value_name = "mcast:N", value_parser = named_value(CAN_BUSES))]
-    can: Option<u8>,
-    /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
-    /// simulator (own), or only that port (peer). The module switches senders after 10 s
-    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = named_value(ATTITUDE_PROVIDERS))]
-    attitude: AttitudeProvider,
-    /// Print the ports as one JSON object
-    #[arg(long)]
-    json: bool,
-}
-
-/// Type to a module's console, as with `picocom`: a served module, a board, or a private one.
-///
-/// With --tcp or the path of a pseudo-terminal it connects to a module of `lab serve`; with a serial port, to a
-/// board (set it to 115200 baud with stty; not on Windows). Without either it runs a private module, whose pilot takes
-/// orders after an exclamation mark: `!land` disarms, `!help` lists them. `quit`, Ctrl-D on an empty line and Ctrl-]
-/// end. Piped input is sent line by line, each after the answer to the one before.
-#[derive(Debug, Args)]
-#[command(after_help = "Example: lab console --tcp 5760")]
-pub struct ConsoleOptions {
-    /// Pseudo-terminal or serial port
-    #[arg(value_name = "PATH", conflicts_with = "tcp")]
-    path: Option<PathBuf>,
-    /// TCP port of this computer, 1 to 65535
-    #[arg(long, value_name = "PORT", value_parser = integer_in_range(1, u16::MAX))]
-    tcp: Option<u16>,
-    #[command(flatten)]
-    module_options: ModuleOptions,
-}
-
-/// Options of the simulated module.
-#[derive(Debug, Args)]
-struct ModuleOptions {
     /// Speed relative to real time, 0.01 to 200
     #[arg(long, default_value_t = 1.0, value_name = "N", value_parser = number_in_range(0.01, 200.0))]
     speed: f64,
@@ -124,6 +72,28 @@ struct ModuleOptions {
     /// Store the module's flash in this file, so that a calibration survives the program
     #[arg(long, value_name = "FILE")]
     flash: Option<PathBuf>,
+    /// Serve the ports also on successive TCP ports of this computer, starting at this one, 0 to 65535: console,
+    /// autopilot, instrument; 0: any free ones. Each accepts up to eight clients
+    #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
+    tcp: Option<u16>,
+    /// Take the attitude from another simulator: UDP datagrams to this port of this computer, 0 to 65535 (0: any free
+    /// one), each a text `roll_deg pitch_deg yaw_deg [step_s]`, right wing down and nose up positive, yaw from magnetic
+    /// north, at 20 Hz or more. The simulator's own attitude is then sent as disarmed. With step_s, 0 to 1, that
+    /// simulator drives the module's clock: the module advances by it, answers with its time, and waits. The first
+    /// datagram sets the attitude at once; a later jump can appear to the module as a change of hard iron
+    #[arg(long, value_name = "PORT", value_parser = integer_in_range(0, u16::MAX))]
+    world: Option<u16>,
+    /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
+    /// ArduPilot's simulator and pydronecan use it
+    #[arg(long, value_name = "mcast:N", value_parser = named_value(CAN_BUSES))]
+    can: Option<u8>,
+    /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
+    /// simulator (own), or only that port (peer). The module switches senders after 10 s
+    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = named_value(ATTITUDE_PROVIDERS))]
+    attitude: AttitudeProvider,
+    /// Print the ports as one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 const ATTITUDE_PROVIDERS: &[(&str, AttitudeProvider)] =
@@ -154,7 +124,7 @@ fn after_help() -> String {
     format!(
         "Example: lab serve --tcp 5760\n\nOrders, a line each on standard input, answered by `ok` or `error <code>`; without --world:\n{command_list}\n\
          Attach, with --tcp 5760 (or the pseudo-terminal that is printed in place of the TCP port):\n  \
-           lab console --tcp 5760           type to the module\n  \
+           nc 127.0.0.1 5760                     type to the module (or picocom, PuTTY)\n  \
            nc 127.0.0.1 5762                     read its headings\n  \
            gpsd -N -n tcp://127.0.0.1:5762       the same for gpsd, with a declination\n  \
            --serial5=tcpclient:127.0.0.1:5761    ArduPilot's simulator as the attitude\n    \
@@ -164,7 +134,7 @@ fn after_help() -> String {
     )
 }
 
-impl ModuleOptions {
+impl ServeCommandOptions {
     fn world_config(&self) -> Result<WorldConfig, CommandFailure> {
         let world = WorldConfig { sensor: self.sensor, ..named_world(&self.airframe, self.seed)? };
         Ok(self
@@ -174,21 +144,16 @@ impl ModuleOptions {
             .map_or(world, |vehicle_kind| world.with_vehicle_kind(vehicle_kind)))
     }
 
-    fn build_module(
-        &self,
-        attitude: AttitudeProvider,
-        is_externally_controlled: bool,
-        has_can: bool,
-    ) -> Result<(ServedModule, FlashWriter), CommandFailure> {
+    fn build_module(&self) -> Result<(ServedModule, FlashWriter), CommandFailure> {
         let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
         let (mut flash_writer, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world_config()?,
             serve::ServeOptions {
                 flight_pattern: pattern,
-                attitude,
-                has_external_simulator: is_externally_controlled,
-                has_can,
+                attitude: self.attitude,
+                has_external_simulator: self.world.is_some(),
+                has_can: self.can.is_some(),
             },
             image.as_ref(),
         );
@@ -200,8 +165,7 @@ impl ModuleOptions {
 
 pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailure> {
     let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
-    let (mut served_module, flash_writer) =
-        options.module_options.build_module(options.attitude, options.world.is_some(), options.can.is_some())?;
+    let (mut served_module, flash_writer) = options.build_module()?;
     let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = Vec::new();
     let mut port_addresses = Vec::new();
     let mut next = options.tcp;
@@ -231,10 +195,10 @@ pub fn run_serve(options: &ServeCommandOptions) -> Result<ExitCode, CommandFailu
         port_wires,
         attitude_socket: world,
         can_bus: can,
-        pilot_commands: Some(PilotCommandInput::from_stdin()),
+        pilot_commands: PilotCommandInput::from_stdin(),
         flash_writer,
     };
-    wiring.run_connections(&mut served_module, options.module_options.speed, interruption.stop_flag())?;
+    wiring.run_connections(&mut served_module, options.speed, interruption.stop_flag())?;
     Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }
 
@@ -269,7 +233,7 @@ fn describe_ports(
         .iter()
         .map(|address| json!({ "name": address.port.port_name, "pty": address.pty, "tcp": address.tcp }))
         .collect();
-    let airframe = airframe_json(&options.module_options.world_config()?);
+    let airframe = airframe_json(&options.world_config()?);
     Ok(json!({ "ports": ports, "world": world, "can": options.can.map(can_bus_name), "airframe": airframe }))
 }
 
@@ -282,7 +246,6 @@ fn print_ports(
     port_addresses: &[PortAddress],
     world: Option<u16>,
 ) -> Result<(), CommandFailure> {
-    let module_options = &options.module_options;
     for (index, PortAddress { port, pty, tcp }) in port_addresses.iter().enumerate() {
         print::print_line(format_args!("{}: {}", port.port_name, port.traffic_description));
         if let Some(pty) = pty {
@@ -296,7 +259,6 @@ fn print_ports(
         }
         if let Some(port_number) = tcp {
             let with = match index {
-                serve::CONSOLE_PORT => format!("lab console --tcp {port_number}"),
                 serve::AUTOPILOT_PORT => format!("mavproxy.py --master=tcp:127.0.0.1:{port_number}"),
                 _ => format!("nc 127.0.0.1 {port_number}"),
             };
@@ -316,75 +278,13 @@ fn print_ports(
         }
         None => print::print_line(format_args!(
             "the aircraft flies: {}. Order it to do something else: help lists how",
-            module_options.pattern
+            options.pattern
         )),
     }
-    if module_options.airframe == "random" {
-        let file = module_options.world_config()?.airframe_toml();
-        print::print_line(format_args!(
-            "the airframe of seed {}, as a file for --airframe:\n\n{file}",
-            module_options.seed
-        ));
+    if options.airframe == "random" {
+        let file = options.world_config()?.airframe_toml();
+        print::print_line(format_args!("the airframe of seed {}, as a file for --airframe:\n\n{file}", options.seed));
     }
     print::print_line("Ctrl-C ends");
     Ok(())
-}
-
-pub fn run_console(options: &ConsoleOptions) -> Result<ExitCode, CommandFailure> {
-    match (&options.path, options.tcp) {
-        (Some(path), _) => attach_terminal(pty::connect_serial(path)?),
-        (None, Some(port)) => attach_terminal(connect_tcp(port)?),
-        (None, None) => serve_private_module(&options.module_options),
-    }
-}
-
-fn connect_tcp(port: u16) -> Result<Connection<TcpStream>, CommandFailure> {
-    byte_connections::connect_tcp(port)
-        .map_err(|error| CommandFailure::with_code("no-module", format!("TCP port {port}: {error}")))
-}
-
-fn attach_terminal(mut module: impl ByteConnection) -> Result<ExitCode, CommandFailure> {
-    let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
-    let mut terminal = open_terminal(None)?;
-    if io::IsTerminal::is_terminal(&io::stdin()) {
-        // An empty line makes the module write its prompt.
-        module.write_bytes(b"\r");
-    }
-    while !interruption.stop_flag().load(Ordering::SeqCst) && !terminal.has_ended() {
-        module.write_bytes(&terminal.read_bytes(MAX_POLL_BYTES));
-        terminal.write_bytes(&module.read_bytes(MAX_POLL_BYTES));
-        if module.has_ended() {
-            drop(terminal);
-            return Err(CommandFailure::with_code("no-module", "the module has gone"));
-        }
-        thread::sleep(POLL_INTERVAL);
-    }
-    drop(terminal);
-    Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
-}
-
-/// Opens the console's terminal. `pilot_line_sender` receives the lines for the simulated pilot of a private module.
-fn open_terminal(pilot_line_sender: Option<Sender<Vec<u8>>>) -> Result<Terminal, CommandFailure> {
-    if io::IsTerminal::is_terminal(&io::stdin()) {
-        let pilot = if pilot_line_sender.is_some() { "; !ORDER is for the pilot: !land, !help" } else { "" };
-        print::print_error(format_args!("quit, Ctrl-D or Ctrl-] ends{pilot}"));
-    }
-    Terminal::open_terminal(pilot_line_sender).map_err(|error| CommandFailure::with_code("no-terminal", error))
-}
-
-fn serve_private_module(module_options: &ModuleOptions) -> Result<ExitCode, CommandFailure> {
-    let (mut served_module, flash_writer) = module_options.build_module(AttitudeProvider::Own, false, false)?;
-    let mut port_wires: Vec<Vec<Box<dyn ByteConnection>>> = PORTS.iter().map(|_| Vec::new()).collect();
-    let interruption = TerminationSignals::install_handlers(SecondSignal::Exits)?;
-    let (pilot_line_sender, line_receiver) = mpsc::channel();
-    port_wires[serve::CONSOLE_PORT].push(Box::new(open_terminal(Some(pilot_line_sender))?));
-    let wiring = Connections {
-        port_wires,
-        attitude_socket: None,
-        can_bus: None,
-        pilot_commands: Some(PilotCommandInput::from_channel(line_receiver)),
-        flash_writer,
-    };
-    wiring.run_connections(&mut served_module, module_options.speed, interruption.stop_flag())?;
-    Ok(interruption.exit_code().unwrap_or(ExitCode::SUCCESS))
 }

@@ -1,4 +1,4 @@
-//! Pseudo-terminals and serial ports, files of Unix. Other systems have `no_pty.rs`.
+//! Pseudo-terminals, files of Unix. Other systems have `no_pty.rs`.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -10,7 +10,7 @@ use rustix::io::{FdFlags, fcntl_setfd, ioctl_fionbio};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-use super::byte_connections::{BufferedStream, ByteConnection, Connection, OpenedPty};
+use super::byte_connections::{BufferedStream, ByteConnection, OpenedPty};
 use host_sim::command_failure::CommandFailure;
 
 /// A pseudo-terminal with its path, closed when dropped.
@@ -18,13 +18,6 @@ pub fn open_pty() -> Result<Option<OpenedPty>, CommandFailure> {
     let pty = Pty::open_pty().map_err(|error| CommandFailure::with_code("no-pty", error))?;
     let path = pty.path.clone();
     Ok(Some((Box::new(pty), path)))
-}
-
-/// Opens a serial port, or a served pseudo-terminal.
-pub fn connect_serial(path: &Path) -> Result<Connection<File>, CommandFailure> {
-    let port = open_serial(path).and_then(|port| make_raw(&port).map(|()| port));
-    let port = port.map_err(|error| CommandFailure::with_code("no-module", format!("{}: {error}", path.display())))?;
-    Ok(Connection(BufferedStream::new(port)))
 }
 
 struct Pty {
@@ -43,7 +36,7 @@ impl Pty {
         let path = PathBuf::from(ptsname(&master, Vec::new())?.to_string_lossy().into_owned());
         ioctl_fionbio(&master, true)?;
         // The pseudo-terminal is opened and closed once: before that, an absent far end is not reported.
-        make_raw(&open_serial(&path)?)?;
+        make_raw(&open_terminal(&path)?)?;
         Ok(Self { master: BufferedStream::new(File::from(master)), is_attached: false, path })
     }
 }
@@ -65,7 +58,7 @@ impl ByteConnection for Pty {
     }
 }
 
-fn open_serial(path: &Path) -> io::Result<File> {
+fn open_terminal(path: &Path) -> io::Result<File> {
     let flags = (OFlags::NOCTTY | OFlags::NONBLOCK).bits().cast_signed();
     OpenOptions::new().read(true).write(true).custom_flags(flags).open(path)
 }

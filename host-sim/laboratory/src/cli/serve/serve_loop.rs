@@ -1,6 +1,6 @@
 //! Main loop of a served module.
 
-use std::io::{self, IsTerminal as _};
+use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
@@ -20,7 +20,7 @@ pub struct Connections {
     pub port_wires: Vec<Vec<Box<dyn ByteConnection>>>,
     pub attitude_socket: Option<UdpSocket>,
     pub can_bus: Option<MulticastBus>,
-    pub pilot_commands: Option<PilotCommandInput>,
+    pub pilot_commands: PilotCommandInput,
     pub flash_writer: FlashWriter,
 }
 
@@ -28,8 +28,7 @@ pub struct Connections {
 const MAX_DATAGRAMS_PER_POLL: usize = 64;
 
 impl Connections {
-    /// Runs the served module until stopped, until a connection has ended, or until the reader has closed standard
-    /// output.
+    /// Runs the served module until stopped, or until the reader has closed standard output.
     pub fn run_connections(
         mut self,
         served_module: &mut ServedModule,
@@ -39,9 +38,7 @@ impl Connections {
         // Absent from the first step of an external simulator on, which then drives the module's clock.
         let mut virtual_clock = Some(VirtualClock::new(speed));
         let mut is_malformed_reported = false;
-        let has_ended =
-            |port_wires: &[Vec<Box<dyn ByteConnection>>]| port_wires.iter().flatten().any(|wire| wire.has_ended());
-        while !stop.load(Ordering::SeqCst) && !has_ended(&self.port_wires) && !print::poll_output_closed() {
+        while !stop.load(Ordering::SeqCst) && !print::poll_output_closed() {
             // Time advances before inputs are read, so that an input takes effect after it was received.
             served_module.advance_time(virtual_clock.as_mut().map_or(0, VirtualClock::elapsed_us));
             // Bytes that a simulator sent before its step are read after it, and so are with the module in that step.
@@ -59,9 +56,7 @@ impl Connections {
                     }
                 }
             }
-            if let Some(pilot_commands) = &mut self.pilot_commands {
-                pilot_commands.execute_pilot_lines(served_module);
-            }
+            self.pilot_commands.execute_pilot_lines(served_module);
             if let Some(can) = &self.can_bus {
                 can.receive_frames().iter().for_each(|frame| served_module.send_frame_to_module(frame));
             }
@@ -88,7 +83,7 @@ impl Connections {
                 let _ = world.send_to(format!("{}", served_module.now_us() as f64 / 1e6).as_bytes(), sender);
             }
             if let Some(error_text) = virtual_clock.as_mut().and_then(VirtualClock::take_warning) {
-                print::print_error(format_args!("{error_text}\r"));
+                print::print_error(error_text);
             }
             self.flash_writer.write_if_stable(served_module, false)?;
             thread::sleep(POLL_INTERVAL);
@@ -138,11 +133,6 @@ impl PilotCommandInput {
         Self { byte_receiver: read_in_thread(io::stdin()), unfinished_line: Vec::new() }
     }
 
-    /// Orders from the console of a private module.
-    pub const fn from_channel(byte_receiver: Receiver<Vec<u8>>) -> Self {
-        Self { byte_receiver, unfinished_line: Vec::new() }
-    }
-
     fn execute_pilot_lines(&mut self, served_module: &mut ServedModule) {
         while let Ok(bytes) = self.byte_receiver.try_recv() {
             for byte in bytes {
@@ -164,8 +154,6 @@ fn execute_and_answer(served_module: &mut ServedModule, line: &[u8]) {
         let answer = served_module
             .execute_pilot_line(&line)
             .unwrap_or_else(|error| format!("error {}: {error}", error.stable_code()));
-        // A raw terminal, as that of a private console, needs the carriage return.
-        let line_end = if io::stdin().is_terminal() { "\r\n" } else { "\n" };
-        print::print_text(&format!("{}{line_end}", answer.replace('\n', line_end)));
+        print::print_line(answer);
     }
 }
