@@ -34,9 +34,11 @@ const MIN_SCALE_UT: f64 = 0.05;
 /// Ratio of the standard deviation to the median of absolute values of a normal distribution.
 const SIGMAS_PER_MEDIAN: f64 = 1.4826;
 
-/// Prior standard deviations: of a gain of all axes, and of a gain or sign of one of three axes.
+/// Prior standard deviations: of a gain of all axes, of a gain or sign of one of three axes, and of a sensor's offset,
+/// microtesla.
 const GAIN_SIGMA: f64 = 0.3;
 const AXIS_GAIN_SIGMA: f64 = 3.0;
+const REGISTER_OFFSET_SIGMA_UT: f64 = 50.0;
 
 /// Smallest prior of hard iron, microtesla: smaller changes hardly affect headings.
 const MIN_HARD_IRON_UT: f64 = 1.0;
@@ -59,11 +61,13 @@ pub(super) enum Hypothesis {
     Gain,
     /// The gain of one axis, or its sign.
     AxisGain(usize),
+    /// Gain per axis, and an offset.
+    Registers,
 }
 
 impl Hypothesis {
-    /// Changes of one axis.
-    pub const OF_AXES: [Self; 3] = [Self::AxisGain(0), Self::AxisGain(1), Self::AxisGain(2)];
+    /// Changes that differ between axes.
+    pub const OF_AXES: [Self; 4] = [Self::AxisGain(0), Self::AxisGain(1), Self::AxisGain(2), Self::Registers];
 
     /// Whether the sensor changes.
     pub fn is_of_sensor(self) -> bool {
@@ -78,6 +82,7 @@ impl Hypothesis {
             Self::HardIron => (OFFSET..UNKNOWNS).map(single).collect(),
             Self::Gain => vec![SVector::from_fn(|i, _| if (GAIN..OFFSET).contains(&i) { 1.0 } else { 0.0 })],
             Self::AxisGain(axis) => vec![single(GAIN + axis)],
+            Self::Registers => (GAIN..UNKNOWNS).map(single).collect(),
         }
     }
 
@@ -89,6 +94,7 @@ impl Hypothesis {
             Self::HardIron => vec![offset_size_ut.max(MIN_HARD_IRON_UT); 3],
             Self::Gain => vec![GAIN_SIGMA],
             Self::AxisGain(_) => vec![AXIS_GAIN_SIGMA],
+            Self::Registers => [[AXIS_GAIN_SIGMA; 3], [REGISTER_OFFSET_SIGMA_UT; 3]].concat(),
         }
     }
 }
@@ -164,9 +170,34 @@ impl ChangeFit {
         Self { gain, offset_ut, ..*self }
     }
 
+    /// The estimate with the gains and the offset that restore readings which another correction fits; none if that
+    /// is singular.
+    pub fn with_other(&self, other: &FieldCorrection) -> Option<Self> {
+        let gain = (self.correction.matrix.try_inverse()? * other.matrix).diagonal();
+        let offset_ut = other.hard_iron_ut - self.correction.hard_iron_ut.component_div(&gain);
+        gain.iter().all(|axis| axis.abs() > 1e-3).then(|| self.with_change(gain, offset_ut))
+    }
+
     /// The estimate with the difference of hard iron to that of another correction.
     pub fn with_other_iron(&self, other: &FieldCorrection) -> Self {
         self.with_change(Vector3::repeat(1.0), other.hard_iron_ut - self.correction.hard_iron_ut)
+    }
+
+    /// The estimate with the gains and the offset that restore the vertical component of the changed rows, which is
+    /// linear in the gains and in the product of gain and offset; none without a solution.
+    pub fn with_linear_change(&self, rows: &[FitRow]) -> Option<Self> {
+        let (mut normal, mut right_side) = (SMatrix::<f64, 6, 6>::identity(), SVector::<f64, 6>::zeros());
+        right_side.fixed_rows_mut::<3>(0).fill(1.0);
+        for row in rows.iter().filter(|row| row.is_changed) {
+            let by_raw = self.correction.matrix.transpose() * row.down;
+            let iron_ut = self.correction.hard_iron_ut + self.correction.motor_ut_per_a * row.current_a;
+            let derivatives = SVector::from_fn(|i, _| if i < 3 { by_raw[i] * row.raw_ut[i] } else { -by_raw[i - 3] });
+            normal.ger(1.0, &derivatives, &derivatives, 1.0);
+            right_side.axpy(self.vertical_ut + by_raw.dot(&iron_ut), &derivatives, 1.0);
+        }
+        let solved = normal.cholesky()?.solve(&right_side);
+        let (gain, product_ut) = (solved.fixed_rows::<3>(0).into_owned(), solved.fixed_rows::<3>(3).into_owned());
+        gain.iter().all(|axis| axis.abs() > 1e-3).then(|| self.with_change(gain, product_ut.component_div(&gain)))
     }
 
     /// Separate fits of the correction to the unchanged and to the changed rows, the second one started from `other`.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::baseline_fits;
-use super::bending_load::{BendingLoad, find_bending_load};
+use super::bending_load::{BendingLoad, find_bending_loads};
 use super::field_latency::{self, FieldLatency};
 use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
@@ -76,7 +76,7 @@ pub struct CompassEvaluation {
     /// Change of the sensor in flight; the changes of hard iron that it appears as are removed.
     pub sensor_change: Option<SensorChange>,
     /// Loads that bend the field.
-    pub bending_load: Option<BendingLoad>,
+    pub bending_loads: Vec<BendingLoad>,
     /// The fit, from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
 }
@@ -220,7 +220,7 @@ impl SharedInputs<'_> {
     fn evaluate_compass(&self, compass: &LoggedCompass, latency: FieldLatency) -> CompassEvaluation {
         let (rows, row_counts) = self.replay_rows(compass, latency);
         let whole_fit = ParameterFit::new(&rows, None, &self.options);
-        let FieldCauses { hard_iron_changes, sensor_change, bending_load } =
+        let FieldCauses { hard_iron_changes, sensor_change, bending_loads } =
             self.find_causes(compass, &rows, &whole_fit);
         let remounted = mounting_parameter_changes(self.flight, compass.compass_number);
         let last_change_s = hard_iron_changes
@@ -245,7 +245,7 @@ impl SharedInputs<'_> {
             module_result,
             hard_iron_changes,
             sensor_change,
-            bending_load,
+            bending_loads,
             parameter_fit,
         }
     }
@@ -266,8 +266,8 @@ impl SharedInputs<'_> {
             // A changed sensor appears as iron and as a load, not only at its time: no fit of both parts is right.
             return FieldCauses { sensor_change, ..FieldCauses::default() };
         }
-        let bending_load = find_bending_load(rows, self.flight, &initial, &hard_iron_changes);
-        FieldCauses { hard_iron_changes, sensor_change, bending_load }
+        let bending_loads = find_bending_loads(rows, self.flight, &initial, &hard_iron_changes);
+        FieldCauses { hard_iron_changes, sensor_change, bending_loads }
     }
 }
 
@@ -276,7 +276,7 @@ impl SharedInputs<'_> {
 struct FieldCauses {
     hard_iron_changes: Vec<LoggedHardIronChange>,
     sensor_change: Option<SensorChange>,
-    bending_load: Option<BendingLoad>,
+    bending_loads: Vec<BendingLoad>,
 }
 
 /// Scores of the corrections as logged, and in a comparison with a module those of other fits.

@@ -1,6 +1,6 @@
 //! Candidates for the cause of a disturbance: loads that are logged, and motions of the aircraft.
 
-use super::output_role::{OutputRole, output_role};
+use super::motor_layout::{OutputRole, common_side, motor_place, output_role};
 use crate::log::time_series::Series;
 use crate::log::{LoadSource, LoggedFlight};
 use crate::numbers::quantile;
@@ -12,63 +12,110 @@ const MAX_GAP_S: f64 = 3.0;
 /// Smallest fraction of the rows with a value.
 const MIN_COVERED_FRACTION: f64 = 0.8;
 
-/// A load, or all of one kind together, at the rows.
+/// Largest number of motors whose pairs are candidates.
+const MAX_PAIRED_MOTORS: usize = 8;
+
+/// A load, or several together, at the rows.
 pub(super) struct LoadCandidate {
     /// Sources of the load.
     pub sources: Vec<LoadSource>,
     /// Sum of the currents, amperes, or mean of the commands.
     pub values: Vec<f64>,
+    /// All loads of its kind, such as all motors; none if there is no other.
+    pub family: Vec<LoadSource>,
 }
 
 impl LoadCandidate {
-    /// Whether the values are currents.
-    pub fn is_current(&self) -> bool {
-        self.sources.iter().all(|source| source.is_current())
-    }
-
     /// Value that a size refers to: a high current, or the range of a command.
     pub fn reference_value(&self) -> f64 {
         const HIGH_FRACTION: f64 = 0.95;
-        if self.is_current() { quantile(self.values.iter().copied(), HIGH_FRACTION).unwrap_or(f64::NAN) } else { 1.0 }
+        if self.sources.iter().all(|source| source.is_current()) {
+            quantile(self.values.iter().copied(), HIGH_FRACTION).unwrap_or(f64::NAN)
+        } else {
+            1.0
+        }
     }
 }
 
-/// All loads. Those of one kind are one: motors of a hover work too alike to be told apart.
+/// All loads, and pairs and groups of loads of one kind.
 pub(super) fn load_candidates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Vec<LoadCandidate> {
     let battery = (LoadSource::Battery(1), &flight.battery_current);
     let logged = flight.loads.iter().map(|load| (load.source, &load.values));
-    let mut candidates: Vec<LoadCandidate> = Vec::new();
-    for (source, series) in std::iter::once(battery).chain(logged) {
-        let Some(values) = values_at_rows(series, rows) else { continue };
-        match candidates.iter_mut().find(|other| is_same_kind(flight, other.sources[0], source)) {
-            Some(same) => {
-                same.sources.push(source);
-                same.values.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-            }
-            None => candidates.push(LoadCandidate { sources: vec![source], values }),
-        }
-    }
-    for candidate in candidates.iter_mut().filter(|candidate| !candidate.is_current()) {
-        let count = candidate.sources.len() as f64;
-        candidate.values.iter_mut().for_each(|sum| *sum /= count);
-    }
-    candidates
+    let single: Vec<(LoadSource, Vec<f64>)> = std::iter::once(battery)
+        .chain(logged)
+        .filter_map(|(source, values)| Some((source, values_at_rows(values, rows)?)))
+        .collect();
+    let families: [Vec<LoadSource>; 4] = [
+        sources_of(&single, |source| matches!(source, LoadSource::Battery(_))),
+        sources_of(&single, |source| matches!(source, LoadSource::Esc(_))),
+        sources_of(&single, |source| matches!(source, LoadSource::Motor(_))),
+        sources_of(&single, |source| is_motor_output(flight, source)),
+    ];
+    let mut groups: Vec<Vec<LoadSource>> = single.iter().map(|(source, _)| vec![*source]).collect();
+    groups.extend(families.iter().flat_map(|family| groups_of(flight, family)));
+    groups
+        .into_iter()
+        .map(|sources| {
+            let members: Vec<&Vec<f64>> = sources
+                .iter()
+                .filter_map(|source| Some(&single.iter().find(|(other, _)| other == source)?.1))
+                .collect();
+            let divisor = if sources.iter().all(|source| source.is_current()) { 1.0 } else { members.len() as f64 };
+            let values =
+                (0..rows.len()).map(|i| members.iter().map(|values| values[i]).sum::<f64>() / divisor).collect();
+            let family = families.iter().find(|family| family.len() > 1 && family.contains(&sources[0]));
+            LoadCandidate { sources, values, family: family.cloned().unwrap_or_default() }
+        })
+        .collect()
 }
 
-fn is_same_kind(flight: &LoggedFlight, one: LoadSource, other: LoadSource) -> bool {
-    match (one, other) {
-        (LoadSource::Battery(_), LoadSource::Battery(_))
-        | (LoadSource::Esc(_), LoadSource::Esc(_))
-        | (LoadSource::Motor(_), LoadSource::Motor(_)) => true,
-        (LoadSource::Output(one), LoadSource::Output(other)) => {
-            [one, other].iter().all(|output| output_role(flight, *output) == OutputRole::Motor)
+fn sources_of(single: &[(LoadSource, Vec<f64>)], is_member: impl Fn(LoadSource) -> bool) -> Vec<LoadSource> {
+    single.iter().map(|(source, _)| *source).filter(|source| is_member(*source)).collect()
+}
+
+fn is_motor_output(flight: &LoggedFlight, source: LoadSource) -> bool {
+    matches!(source, LoadSource::Output(output)
+        if matches!(output_role(flight, output), OutputRole::Motor(_) | OutputRole::Throttle(_)))
+}
+
+/// Pairs of a family, its sides, and all of it.
+fn groups_of(flight: &LoggedFlight, family: &[LoadSource]) -> Vec<Vec<LoadSource>> {
+    let mut groups = Vec::new();
+    if family.len() <= MAX_PAIRED_MOTORS {
+        for (i, one) in family.iter().enumerate() {
+            groups.extend(family.iter().skip(i + 1).map(|other| vec![*one, *other]));
         }
-        _ => false,
+    }
+    for side in ["left ", "right ", "front ", "rear "] {
+        groups.push(family.iter().copied().filter(|source| common_side(&[place(flight, *source)]) == side).collect());
+    }
+    groups.push(family.to_vec());
+    groups.retain(|group: &Vec<LoadSource>| group.len() >= 2);
+    groups.sort();
+    groups.dedup();
+    groups
+}
+
+/// Place of the motor of a load.
+fn place(flight: &LoggedFlight, source: LoadSource) -> Option<[f64; 2]> {
+    match source {
+        LoadSource::Motor(motor) => motor_place(flight, motor),
+        LoadSource::Output(output) => match output_role(flight, output) {
+            OutputRole::Motor(motor) => motor_place(flight, motor),
+            _ => None,
+        },
+        LoadSource::Esc(esc) => match output_role(flight, esc) {
+            OutputRole::Motor(motor) => motor_place(flight, motor),
+            _ => motor_place(flight, esc),
+        },
+        LoadSource::Battery(_) | LoadSource::Throttle => None,
     }
 }
 
-/// Name of loads of one kind: `motors (outputs 1 and 4)`.
+/// Name of loads of one kind: `right motors (outputs 1 and 4)`.
 pub(super) fn load_name(flight: &LoggedFlight, sources: &[LoadSource]) -> String {
+    let places: Vec<_> = sources.iter().map(|source| place(flight, *source)).collect();
+    let side = common_side(&places);
     let numbers: Vec<String> = sources.iter().map(|source| source.number().to_string()).collect();
     let (count, list) = (numbers.len(), joined_with_and(&numbers));
     let plural = if count == 1 { "" } else { "s" };
@@ -76,11 +123,14 @@ pub(super) fn load_name(flight: &LoggedFlight, sources: &[LoadSource]) -> String
         LoadSource::Battery(1) if count == 1 => "battery current".to_owned(),
         LoadSource::Battery(_) if count == 1 => format!("current of battery {list}"),
         LoadSource::Battery(_) => format!("currents of batteries {list}"),
-        LoadSource::Esc(_) => format!("current{plural} of motor{plural} {list}"),
-        LoadSource::Motor(_) => format!("motor{plural} {list}"),
+        LoadSource::Esc(_) => format!("current{plural} of {side}motor{plural} {list}"),
+        LoadSource::Motor(_) => format!("{side}motor{plural} {list}"),
         LoadSource::Throttle => "throttle".to_owned(),
         LoadSource::Output(output) => match output_role(flight, output) {
-            OutputRole::Motor => format!("motor{plural} (output{plural} {list})"),
+            OutputRole::Motor(_) => format!("{side}motor{plural} (output{plural} {list})"),
+            OutputRole::Throttle(_) if count > 1 => format!("motors (outputs {list})"),
+            OutputRole::Throttle("") => format!("throttle (output {list})"),
+            OutputRole::Throttle(throttle_side) => format!("{throttle_side}motor (output {list})"),
             OutputRole::Servo(servo) => format!("{servo} (output {list})"),
             OutputRole::Unknown => format!("output {list}"),
         },

@@ -1,4 +1,5 @@
-//! What bends the field of a compass: the logged load that explains the field best beside the fit.
+//! What bends the field of a compass: the logged load that explains the field best beside the fit, and a load with a
+//! constant period.
 //!
 //! Strength and vertical component of the corrected field are regressed on each load. A load is named if it is
 //! significant, bends headings, explains each half of the flight by the other, and explains more than any motion of the
@@ -6,19 +7,21 @@
 
 mod candidates;
 mod finding;
-mod output_role;
+mod motor_layout;
+mod periodic;
 mod regression;
 
-pub use finding::BendingLoad;
+pub use finding::{BendingCause, BendingLoad};
 
 use nalgebra::Vector3;
 
-use candidates::{load_candidates, load_name, motion_candidates};
+use candidates::{LoadCandidate, load_candidates, load_name, motion_candidates};
+use periodic::{corrected_sigmas, find_line};
 use regression::{LoadFit, ResidualModel};
 
 use super::hard_iron_changes::LoggedHardIronChange;
 use super::row::ReplayRow;
-use crate::log::{FieldCorrection, LoggedFlight};
+use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
 
 /// Largest number of rows of the regression; more are thinned.
 const MAX_ROWS: usize = 5000;
@@ -36,29 +39,57 @@ const MIN_EXPLAINED_FRACTION: f64 = 0.1;
 /// from it, as the current of a rover on slopes from its pitch.
 const MAX_MOTION_CORRELATION: f64 = 0.9;
 
+/// Least advantage of one motor, or of a pair, over the others and all together, standard deviations.
+const MIN_ADVANTAGE_SIGMAS: f64 = 3.0;
+
 /// Fits of a load after the first, each with the residuals clipped around the load of the one before.
 const REFINEMENTS: usize = 3;
 
-/// The logged load that bends the field in the usable rows. `initial` is a correction that fits most of the rows.
+/// Loads that bend the field in the usable rows: at most one logged, and one periodic. `initial` is a correction that
+/// fits most of the rows.
 #[must_use]
-pub fn find_bending_load(
+pub fn find_bending_loads(
     rows: &[ReplayRow],
     flight: &LoggedFlight,
     initial: &FieldCorrection,
     changes: &[LoggedHardIronChange],
-) -> Option<BendingLoad> {
-    let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
-    let rows: Vec<ReplayRow> = usable.iter().step_by(usable.len().div_ceil(MAX_ROWS).max(1)).map(|row| **row).collect();
+) -> Vec<BendingLoad> {
+    let usable: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable).copied().collect();
+    let thinned: Vec<ReplayRow> = usable.iter().step_by(usable.len().div_ceil(MAX_ROWS).max(1)).copied().collect();
     let change_times_s: Vec<f64> = changes.iter().map(|change| change.hard_iron_step.time_s).collect();
-    let model = ResidualModel::new(&rows, initial, &change_times_s)?;
+    let model = |rows: &[ReplayRow]| ResidualModel::new(rows, initial, &change_times_s);
     let around = |values: &[f64], coefficient_ut: Vector3<f64>| {
-        ResidualModel::around_load(&rows, initial, &change_times_s, values, coefficient_ut)
+        ResidualModel::around_load(&thinned, initial, &change_times_s, values, coefficient_ut)
     };
-    let candidates = load_candidates(flight, &rows);
-    let candidate_count = candidates.len() as f64;
+    let logged = model(&thinned).and_then(|model| find_logged_load(&model, &around, flight, &thinned));
+    let periodic = model(&usable).and_then(|model| find_periodic_load(&model, flight, &usable, logged.as_ref()));
+    logged.map(|(load, _)| load).into_iter().chain(periodic).collect()
+}
+
+/// A load, and the sources whose values its size is that of.
+type NamedLoad = (BendingLoad, Vec<LoadSource>);
+
+/// Model around a load with these values and this coefficient.
+type ModelAroundLoad<'a> = dyn Fn(&[f64], Vector3<f64>) -> Option<ResidualModel> + 'a;
+
+fn find_logged_load(
+    model: &ResidualModel,
+    around: &ModelAroundLoad<'_>,
+    flight: &LoggedFlight,
+    rows: &[ReplayRow],
+) -> Option<NamedLoad> {
+    let candidates = load_candidates(flight, rows);
+    let count = candidates.len() as f64;
     let fits = candidates.into_iter().filter_map(|candidate| Some((model.fit_load(&candidate.values)?, candidate)));
-    let (fit, candidate) = fits.max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
-    let motions = motion_candidates(&rows);
+    let fits: Vec<(LoadFit, LoadCandidate)> = fits.collect();
+    let (fit, candidate) = fits.iter().max_by(|(a, _), (b, _)| a.reduction.total_cmp(&b.reduction))?;
+    // Motors that work together cannot be told apart, unless one of them, or a pair, is clearly the best.
+    let mut rivals =
+        fits.iter().filter(|(_, other)| other.family == candidate.family && other.sources != candidate.sources);
+    let is_certain = rivals.all(|(other, _)| model.advantage_sigmas(fit, other) >= MIN_ADVANTAGE_SIGMAS);
+    let named = if is_certain || candidate.family.is_empty() { &candidate.sources } else { &candidate.family };
+    let (fit, sources) = (fit.clone(), named.clone());
+    let motions = motion_candidates(rows);
     if motions.iter().any(|values| squared_correlation(values, &candidate.values) > MAX_MOTION_CORRELATION) {
         return None;
     }
@@ -71,26 +102,19 @@ pub fn find_bending_load(
     let by_motion = motion.and_then(|(motion, values)| refined_fit(around, &values, motion));
     let explained_by_motion = by_motion.map_or(0.0, |(model, motion)| explained_fraction(&model, &motion));
     let reference = candidate.reference_value();
-    let size_ut = fit.coefficient_ut * reference;
     let load = BendingLoad {
-        name: load_name(flight, &candidate.sources),
-        at_current_a: candidate.is_current().then_some(reference),
-        sources: candidate.sources,
-        size_ut: size_ut.norm(),
-        heading_effect_deg: libm::atan(size_ut.xy().norm() / model.horizontal_ut).to_degrees(),
-        sigmas: corrected_sigmas(fit.sigmas, candidate_count),
+        size_ut: (fit.coefficient_ut * reference).norm(),
+        heading_effect_deg: heading_effect_deg(fit.coefficient_ut * reference, model.horizontal_ut),
+        sigmas: corrected_sigmas(fit.sigmas, count),
+        cause: BendingCause::Logged {
+            name: load_name(flight, &sources),
+            sources,
+            at_current_a: candidate.sources.iter().all(|source| source.is_current()).then_some(reference),
+        },
     };
-    let is_cause = load.sigmas >= MIN_SIGMAS
-        && load.heading_effect_deg >= MIN_HEADING_EFFECT_DEG
-        && explained_fraction(&model, &fit) > explained_by_motion
-        && holds_in_halves(&model, &fit);
-    is_cause.then_some(load)
-}
-
-/// Standard deviations that remain after `count` trials: the tail of a normal distribution falls as `exp(-z^2 / 2)`.
-fn corrected_sigmas(sigmas: f64, count: f64) -> f64 {
-    let squared = sigmas * sigmas.max(0.0) - 2.0 * libm::log(count.max(1.0));
-    squared.max(0.0).sqrt()
+    let is_cause =
+        is_named(&load) && explained_fraction(&model, &fit) > explained_by_motion && holds_in_halves(&model, &fit);
+    is_cause.then(|| (load, candidate.sources.clone()))
 }
 
 fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
@@ -103,13 +127,8 @@ fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
     products * products / (one_squares * other_squares)
 }
 
-/// Fit of a load with the residuals clipped around it, and its model. `around` makes the model around a load with these
-/// values and this coefficient.
-fn refined_fit(
-    around: impl Fn(&[f64], Vector3<f64>) -> Option<ResidualModel>,
-    values: &[f64],
-    first: LoadFit,
-) -> Option<(ResidualModel, LoadFit)> {
+/// Fit of a load with the residuals clipped around it, and its model.
+fn refined_fit(around: &ModelAroundLoad<'_>, values: &[f64], first: LoadFit) -> Option<(ResidualModel, LoadFit)> {
     let mut refined = (around(values, first.coefficient_ut)?, first);
     for _ in 0..REFINEMENTS {
         refined.1 = refined.0.fit_load(values)?;
@@ -123,9 +142,40 @@ fn explained_fraction(model: &ResidualModel, fit: &LoadFit) -> f64 {
     fit.reduction / model.residuals.norm_squared()
 }
 
+fn is_named(load: &BendingLoad) -> bool {
+    load.sigmas >= MIN_SIGMAS && load.heading_effect_deg >= MIN_HEADING_EFFECT_DEG
+}
+
 fn holds_in_halves(model: &ResidualModel, fit: &LoadFit) -> bool {
     let least = MIN_EXPLAINED_FRACTION * model.residuals.norm_squared() / 2.0;
     fit.reductions_of_halves.iter().all(|reduction| *reduction > least)
+}
+
+fn find_periodic_load(
+    model: &ResidualModel,
+    flight: &LoggedFlight,
+    rows: &[ReplayRow],
+    logged: Option<&NamedLoad>,
+) -> Option<BendingLoad> {
+    let left = logged.and_then(|(_, sources)| {
+        let candidates = load_candidates(flight, rows);
+        let same = candidates.into_iter().find(|other| other.sources == *sources)?;
+        Some(model.fit_load(&same.values)?.residuals)
+    });
+    let residuals = left.as_ref().unwrap_or(&model.residuals);
+    let line = find_line(rows, residuals.as_slice(), &model.directions, MIN_SIGMAS)?;
+    let load = BendingLoad {
+        cause: BendingCause::Periodic(line.period_s),
+        size_ut: line.amplitude_ut.norm(),
+        heading_effect_deg: heading_effect_deg(line.amplitude_ut, model.horizontal_ut),
+        sigmas: line.sigmas,
+    };
+    is_named(&load).then_some(load)
+}
+
+/// Largest effect of a disturbance on a level heading, degrees.
+fn heading_effect_deg(disturbance_ut: Vector3<f64>, horizontal_ut: f64) -> f64 {
+    libm::atan(disturbance_ut.xy().norm() / horizontal_ut).to_degrees()
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ pub(super) struct ResidualModel {
     /// Residuals that the unknowns leave, in standard deviations.
     pub residuals: DVector<f64>,
     /// Direction of a disturbance that each residual shows, per standard deviation.
-    directions: Vec<Vector3<f64>>,
+    pub directions: Vec<Vector3<f64>>,
     /// Horizontal part of the field, microtesla.
     pub horizontal_ut: f64,
     jacobian: DMatrix<f64>,
@@ -56,6 +56,8 @@ pub(super) struct LoadFit {
     pub reductions_of_halves: [f64; 2],
     /// Significance, standard deviations of a normal distribution.
     pub sigmas: f64,
+    /// Residuals that are left.
+    pub residuals: DVector<f64>,
 }
 
 impl ResidualModel {
@@ -125,6 +127,7 @@ impl ResidualModel {
             reduction: self.residuals.norm_squared() - residuals.norm_squared(),
             reductions_of_halves: self.reductions_of_halves(&columns)?,
             sigmas: self.significance(&columns, &residuals, &inverse, &coefficient)?,
+            residuals,
         })
         .filter(|fit| fit.sigmas.is_finite() && fit.reduction.is_finite())
     }
@@ -149,6 +152,16 @@ impl ResidualModel {
         let wald = coefficient.dot(&(covariance.try_inverse()? * coefficient));
         let free = count - 3.0;
         Some(normal_deviate(wald / 3.0 * free / (count - 1.0), 3.0, free))
+    }
+
+    /// Standard deviations by which a fit is better than another, by the blocks' differences of squared residuals (Q. H.
+    /// Vuong, Econometrica 57, 1989).
+    pub fn advantage_sigmas(&self, fit: &LoadFit, other: &LoadFit) -> f64 {
+        let mut gains = vec![0.0; self.blocks.last().map_or(0, |last| last + 1)];
+        for (i, (residual, by_other)) in fit.residuals.iter().zip(&other.residuals).enumerate() {
+            gains[self.blocks[i / 2]] += square(*by_other) - square(*residual);
+        }
+        gains.iter().sum::<f64>() / gains.iter().copied().map(square).sum::<f64>().sqrt()
     }
 
     /// Reduction of the squared residuals in each half by the coefficients of the other.

@@ -1,9 +1,11 @@
+use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 use super::*;
 use crate::log;
 use crate::log::csv::FieldUnit;
-use crate::log::log_writers::{FlightRecording, encode_dataflash};
+use crate::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
+use crate::replay::build_rows;
 use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use crate::test_flight::record_turns;
 
@@ -23,45 +25,77 @@ static TURNS: LazyLock<FlightRecording> = LazyLock::new(|| {
     recording
 });
 
-fn bending_load(recording: &FlightRecording) -> Option<BendingLoad> {
-    let flight = log::read_flight(&mut encode_dataflash(recording).as_slice(), FieldUnit::Milligauss).unwrap();
+fn loads_of(bytes: &[u8]) -> Vec<BendingLoad> {
+    let mut source = bytes;
+    let flight = log::read_flight(&mut source, FieldUnit::Milligauss).unwrap();
     let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
-    evaluate_flight(&flight, &options).compasses[0].bending_load.clone()
+    evaluate_flight(&flight, &options).compasses[0].bending_loads.clone()
 }
 
-/// A motor whose load bends the field, and an output of another role.
+/// Loads of the flight with a disturbance at a time, microtesla in body axes.
+fn loads_with(disturbance_ut: impl Fn(f64, &FlightSample) -> [f64; 3]) -> Vec<BendingLoad> {
+    let mut recording = TURNS.clone();
+    for sample in &mut recording.samples {
+        let added_ut = disturbance_ut(sample.time_us as f64 * 1e-6, sample);
+        sample.field_ut[0] = std::array::from_fn(|axis| sample.field_ut[0][axis] + added_ut[axis]);
+    }
+    loads_of(&encode_dataflash(&recording))
+}
+
+#[test]
+fn a_load_with_a_constant_period_is_found_with_its_amplitude() {
+    for period_s in [0.31, 2.0, 3.4] {
+        let loads = loads_with(|t_s, _| [0.0, 3.0 * libm::sin(TAU * t_s / period_s), 0.0]);
+        let [load] = loads.as_slice() else { panic!("{period_s} s: {loads:?}") };
+        let BendingCause::Periodic(found_s) = load.cause else { panic!("{load}") };
+        assert!((found_s / period_s - 1.0).abs() < 0.03 && (load.size_ut - 3.0).abs() < 0.6, "{period_s} s: {load}");
+    }
+}
+
 #[test]
 fn the_output_that_bends_the_field_is_named_with_its_size() {
-    let loads = [(3, "motor (output 4): "), (0, "aileron (output 1): ")].map(|(output, name)| {
+    let loads = loads_with(|_, sample| [4.0 * sample.outputs[3], -3.0 * sample.outputs[3], 0.0]);
+    let [load] = loads.as_slice() else { panic!("{loads:?}") };
+    assert!(load.to_string().starts_with("right motor (output 4): "), "{load}");
+    assert!((load.size_ut - 5.0).abs() < 0.5 && (load.heading_effect_deg - 9.0).abs() < 1.5, "{load}");
+}
+
+/// The field follows the right motors of an X frame. They are named if the motors work differently; where all do nearly the
+/// same, they cannot be told apart.
+#[test]
+fn a_pair_of_motors_is_named_if_it_is_clearly_the_best() {
+    for (difference, name) in [(0.1, "right motors (outputs 1 and 4): "), (0.004, "motors (outputs 1, 2, 3 and 4): ")] {
         let mut recording = TURNS.clone();
+        let mut random = testkit::random::Random(7);
         for sample in &mut recording.samples {
-            sample.field_ut[0][0] += 4.0 * sample.outputs[output];
-            sample.field_ut[0][1] -= 3.0 * sample.outputs[output];
+            let common = sample.outputs[3];
+            sample.outputs = (0..4).map(|_| common + difference * f64::from(random.normal())).collect();
+            sample.field_ut[0][0] += 8.0 * (sample.outputs[0] + sample.outputs[3]);
         }
-        (bending_load(&recording).unwrap(), name)
-    });
-    for (load, name) in loads {
+        let motors = [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0), ("SERVO1_FUNCTION", 33.0), ("SERVO2_FUNCTION", 34.0)];
+        let motors =
+            motors.into_iter().chain([("SERVO3_FUNCTION", 35.0), ("SERVO4_FUNCTION", 36.0), ("COMPASS_OFS_X", 0.0)]);
+        recording.parameters = motors.map(|(name, value)| (name.to_owned(), value)).collect();
+        let loads = loads_of(&encode_dataflash(&recording));
+        let [load] = loads.as_slice() else { panic!("{loads:?}") };
         assert!(load.to_string().starts_with(name), "{load}");
-        assert!((load.size_ut - 5.0).abs() < 0.5 && (load.heading_effect_deg - 9.0).abs() < 1.5, "{load}");
     }
 }
 
-/// The field follows two of four motors, which are named together; an untouched flight has no load.
+/// Both right motors of an X frame, and an output without a role.
 #[test]
-fn motors_are_one_load() {
-    let mut recording = TURNS.clone();
-    let mut random = testkit::random::Random(7);
-    for sample in &mut recording.samples {
-        let common = sample.outputs[3];
-        sample.outputs = (0..4).map(|_| common + 0.02 * f64::from(random.normal())).collect();
+fn motors_are_named_by_their_side() {
+    let mut flight = log::read_flight(&mut encode_dataflash(&TURNS).as_slice(), FieldUnit::Milligauss).unwrap();
+    for (name, value) in [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0)] {
+        flight.parameters.set_value(0.0, name, value);
     }
-    let motors = [33.0, 34.0, 35.0, 36.0].into_iter().zip(1..);
-    recording.parameters = motors.map(|(motor, output)| (format!("SERVO{output}_FUNCTION"), motor)).collect();
-    recording.parameters.push(("COMPASS_OFS_X".to_owned(), 0.0));
-    assert_eq!(bending_load(&recording), None);
-    for sample in &mut recording.samples {
-        sample.field_ut[0][0] += 8.0 * (sample.outputs[0] + sample.outputs[3]);
+    for (output, motor) in [(1, 1.0), (2, 2.0), (3, 3.0), (4, 4.0)] {
+        flight.parameters.set_value(0.0, &format!("SERVO{output}_FUNCTION"), 32.0 + motor);
     }
-    let load = bending_load(&recording).unwrap();
-    assert!(load.to_string().starts_with("motors (outputs 1, 2, 3 and 4): "), "{load}");
+    let (rows, _) = build_rows(&flight, &flight.compasses[0], 0.0, None);
+    let names: Vec<String> =
+        load_candidates(&flight, &rows).iter().map(|candidate| load_name(&flight, &candidate.sources)).collect();
+    for name in ["right motors (outputs 1 and 4)", "left motor (output 3)"] {
+        assert!(names.iter().any(|found| found == name), "{name}: {names:?}");
+    }
 }

@@ -31,6 +31,8 @@ pub enum SensorChangeKind {
         /// Ratio of the readings.
         factor: f64,
     },
+    /// Gain per axis and offset, as by a reset of the registers.
+    Registers,
 }
 
 impl fmt::Display for SensorChange {
@@ -41,6 +43,9 @@ impl fmt::Display for SensorChange {
             SensorChangeKind::AxisSign { axis } => write!(f, "the sign of the sensor's {} axis changed", name(axis))?,
             SensorChangeKind::AxisGain { axis, factor } => {
                 write!(f, "the gain of the sensor's {} axis changed by a factor of {factor:.2}", name(axis))?;
+            }
+            SensorChangeKind::Registers => {
+                f.write_str("the sensor's gains and offset changed, as by a reset of its registers,")?;
             }
         }
         write!(f, " at {:.0} s: that is the sensor, not iron; no parameters fit both", self.time_s)

@@ -20,9 +20,10 @@ const MIN_SCALE_RATIO: f64 = 1.2;
 /// Least evidence for a change of the sensor against no change, natural logarithm of the ratio of probabilities.
 const MIN_EVIDENCE: f64 = 20.0;
 /// Least evidence against hard iron: of a gain of all axes; of an axis, which iron along that axis resembles on a single
-/// heading.
+/// heading; of registers, which include iron.
 const MIN_EVIDENCE_OF_GAIN: f64 = 6.0;
 const MIN_EVIDENCE_OF_AXIS_GAIN: f64 = 12.0;
+const MIN_EVIDENCE_OF_REGISTERS: f64 = 40.0;
 
 /// Largest increase of the objective per row over the fits of each side at which hard iron explains a change.
 const MAX_IRON_MISFIT: f64 = 0.05;
@@ -34,9 +35,10 @@ const MAX_REMAINING_MISFIT: f64 = 0.2;
 /// contains rows of both.
 const MAX_SIDE_RATIO: f64 = 4.0;
 
-/// Smallest changes of the gain of all axes, and of an axis.
+/// Smallest changes of the gain of all axes, of an axis, and of the most changed one of several.
 const MIN_GAIN_CHANGE: f64 = 0.02;
 const MIN_AXIS_GAIN_CHANGE: f64 = 0.05;
+const MIN_REGISTER_CHANGE: f64 = 0.15;
 /// Largest deviation of a factor from -1 for a change of sign.
 const MAX_SIGN_DEVIATION: f64 = 0.15;
 /// Largest gain that is one; the reciprocal of an axis that is stuck is larger.
@@ -122,6 +124,9 @@ impl Sides {
                 let gains = START_GAINS.into_iter().chain([-1.0]);
                 gains.map(|gain| Some(scaled(Vector3::from_fn(|i, _| if i == axis { gain } else { 1.0 })))).collect()
             }
+            Hypothesis::Registers => {
+                vec![other.and_then(|other| base.with_other(other)), base.with_linear_change(&self.rows), Some(*base)]
+            }
         };
         starts.into_iter().flatten().collect()
     }
@@ -185,6 +190,10 @@ impl Comparison {
         self.fits.iter().find(|fitted| fitted.hypothesis == hypothesis).map(|fitted| &fitted.fit)
     }
 
+    fn is_iron_balanced(&self) -> bool {
+        self.fit_of(Hypothesis::HardIron).is_some_and(|iron| is_balanced(&self.rows, iron))
+    }
+
     /// Negative log evidence of a hypothesis; infinite if it is not compared.
     fn cost(&self, hypothesis: Hypothesis) -> f64 {
         let fitted = self.fits.iter().find(|fitted| fitted.hypothesis == hypothesis);
@@ -209,12 +218,14 @@ impl Comparison {
         let best = self.best_sensor_fit()?;
         let evidence = |other: Hypothesis| self.cost(other) - best.negative_log_evidence;
         let min_against_iron = match best.hypothesis {
+            Hypothesis::Registers => MIN_EVIDENCE_OF_REGISTERS,
             Hypothesis::AxisGain(_) => MIN_EVIDENCE_OF_AXIS_GAIN,
             _ => MIN_EVIDENCE_OF_GAIN,
         };
         let is_evident = evidence(Hypothesis::Unchanged) > MIN_EVIDENCE
             && evidence(Hypothesis::HardIron) > min_against_iron
-            && self.is_fitted(&best.fit);
+            && self.is_fitted(&best.fit)
+            && (best.hypothesis != Hypothesis::Registers || !self.is_iron_balanced());
         let kind = kind_of(best.hypothesis, &self.factors(&best.fit)).filter(|_| is_evident)?;
         Some(SensorChange { time_s, kind })
     }
@@ -254,6 +265,9 @@ pub(super) fn kind_of(hypothesis: Hypothesis, factors: &Vector3<f64>) -> Option<
         }
         Hypothesis::AxisGain(axis) => exceeds(factors[axis], MIN_AXIS_GAIN_CHANGE)
             .then_some(SensorChangeKind::AxisGain { axis, factor: factors[axis] }),
+        Hypothesis::Registers => {
+            factors.iter().any(|factor| exceeds(*factor, MIN_REGISTER_CHANGE)).then_some(SensorChangeKind::Registers)
+        }
         Hypothesis::Unchanged | Hypothesis::HardIron => None,
     };
     kind.filter(|_| is_gain)

@@ -1,4 +1,4 @@
-//! Detects a change of a magnetometer in flight: its gain, or the sign or gain of an axis.
+//! Detects a change of a magnetometer in flight: its gain, the sign or gain of an axis, or its registers.
 //!
 //! Iron is additive; a change of the sensor is proportional to the reading. At candidate times both hypotheses are fitted
 //! together with the correction, and compared by their evidence in Laplace's approximation (D. MacKay, "Bayesian

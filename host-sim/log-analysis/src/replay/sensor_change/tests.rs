@@ -52,12 +52,13 @@ impl Change {
         let found = self.found();
         let factor_of = |kind: SensorChangeKind| match kind {
             SensorChangeKind::Gain { factor } | SensorChangeKind::AxisGain { factor, .. } => factor,
-            SensorChangeKind::AxisSign { .. } => 0.0,
+            SensorChangeKind::AxisSign { .. } | SensorChangeKind::Registers => 0.0,
         };
         let name_of = |kind: SensorChangeKind| match kind {
             SensorChangeKind::Gain { .. } => ("gain", 3),
             SensorChangeKind::AxisSign { axis } => ("sign", axis),
             SensorChangeKind::AxisGain { axis, .. } => ("gain", axis),
+            SensorChangeKind::Registers => ("registers", 3),
         };
         assert_eq!(found.map(|change| name_of(change.kind)), expected.map(name_of), "{self:?}: {found:?}");
         if let Some((change, kind)) = found.zip(expected) {
@@ -76,12 +77,13 @@ fn a_change_of_the_gain_of_all_axes_is_found_with_its_factor() {
 }
 
 #[test]
-fn a_changed_axis_is_found() {
+fn a_changed_axis_and_a_reset_of_registers_are_found() {
     let (at_s, offset_ut) = (100.0, [0.0; 3]);
     for (change, kind) in [
         (Change { at_s, factors: [1.0, -1.0, 1.0], offset_ut }, SensorChangeKind::AxisSign { axis: 1 }),
         (Change { at_s, factors: [1.0, 1.0, -1.0], offset_ut }, SensorChangeKind::AxisSign { axis: 2 }),
         (Change { at_s, factors: [1.3, 1.0, 1.0], offset_ut }, SensorChangeKind::AxisGain { axis: 0, factor: 1.3 }),
+        (Change { at_s, factors: [0.4, 0.4, 0.1], offset_ut: [10.0, -5.0, 2.5] }, SensorChangeKind::Registers),
     ] {
         change.assert_found(Some(kind));
     }
@@ -121,6 +123,9 @@ fn small_and_infinite_gains_are_no_changes() {
         (axis, [1.0, 0.97, 1.0], false),
         (axis, [1.0, 1e3, 1.0], false),
         (axis, [1.0, 1e-3, 1.0], false),
+        (Hypothesis::Registers, [0.8, 1.0, 1.0], true),
+        (Hypothesis::Registers, [0.9, 1.1, 1.0], false),
+        (Hypothesis::Registers, [0.8, 1.0, 1e3], false),
         (Hypothesis::HardIron, [1.0; 3], false),
     ] {
         let kind = kind_of(hypothesis, &Vector3::from(factors));
@@ -174,6 +179,7 @@ fn a_change_is_named_with_its_time() {
             SensorChangeKind::AxisGain { axis: 0, factor: 0.5 },
             "the gain of the sensor's x axis changed by a factor of 0.50",
         ),
+        (SensorChangeKind::Registers, "the sensor's gains and offset changed, as by a reset of its registers,"),
     ] {
         assert_eq!(SensorChange { time_s: 401.8, kind }.to_string(), format!("{start} {end}"));
     }

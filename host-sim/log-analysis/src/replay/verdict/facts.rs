@@ -36,7 +36,7 @@ impl Verdict<'_> {
                 ),
             );
         }
-        if let Some(load) = &compass.bending_load {
+        for load in &compass.bending_loads {
             add_fact("what bends it", load.to_string());
         }
         match parameters {

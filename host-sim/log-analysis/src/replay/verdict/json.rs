@@ -101,11 +101,12 @@ impl CompassVerdict<'_> {
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
                 "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
-            "bent_by": compass.bending_load.iter().map(|load| json!({
-                "code": load.stable_code(),
+            "bent_by": compass.bending_loads.iter().map(|load| json!({
+                "code": load.cause.stable_code(),
                 "words": load.to_string(),
-                "numbers": load.source_numbers(),
-                "at_a": load.at_current_a.map(|amperes| round_to(amperes, 1)),
+                "numbers": load.cause.source_numbers(),
+                "at_a": load.cause.at_current_a().map(|amperes| round_to(amperes, 1)),
+                "period_s": load.cause.period_s().map(|period_s| round_to(period_s, 3)),
                 "ut": round_to(load.size_ut, 2),
                 "deg": round_to(load.heading_effect_deg, 1),
                 "sigmas": round_to(load.sigmas, 1),

@@ -113,7 +113,8 @@ impl CompassJudgement {
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
         let logged_accuracy = accuracy.as_ref().ok().copied();
-        let bending_load = compass.bending_load.as_ref();
+        let bending_load =
+            compass.bending_loads.iter().max_by(|a, b| a.heading_effect_deg.total_cmp(&b.heading_effect_deg));
         let bending_load = bending_load.filter(|load| failure.is_none() && load.heading_effect_deg > MIN_BENDING_DEG);
         let is_wrong = failure.is_some()
             || matches!(parameters, Err(NoParameters::UnprovenReading(check)) if has_changed(check))
@@ -269,7 +270,7 @@ impl fmt::Display for CompassJudgement {
                         step.size_ut()
                     )
                 }
-                JudgementReason::BentBy(load) => format!("is bent by {}", load.summary()),
+                JudgementReason::BentBy(load) => format!("is bent by {}", load.cause.summary()),
                 JudgementReason::AsLogged(accuracy) if self.compass_state == CompassState::Good => {
                     format!("is good already ({accuracy})")
                 }

@@ -1,5 +1,6 @@
 use super::*;
-use crate::log::{FieldCorrection, LoadSource};
+use crate::log::FieldCorrection;
+use crate::replay::bending_load::BendingCause;
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::logged_accuracy::AccuracyEvidence;
@@ -67,9 +68,9 @@ fn judge(
     CompassJudgement::new(&compass, accuracy.map(accuracy_by_rates), failure, parameters)
 }
 
-fn judge_bent(accuracy: Result<f64, UnknownError>, bending_load: Option<BendingLoad>) -> CompassJudgement {
+fn judge_bent(accuracy: Result<f64, UnknownError>, bending_loads: Vec<BendingLoad>) -> CompassJudgement {
     let (_, compass) = compass_of_flown_turns();
-    let compass = CompassEvaluation { bending_load, ..compass };
+    let compass = CompassEvaluation { bending_loads, ..compass };
     CompassJudgement::new(&compass, accuracy.map(accuracy_by_rates), None, &NO_GAIN)
 }
 
@@ -97,20 +98,14 @@ fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
 /// A load that bends headings by 12 deg makes a compass bad whose error is unknown; a good compass stays good.
 #[test]
 fn a_load_that_bends_headings_is_named_and_moved() {
-    let load = BendingLoad {
-        name: "rudder (output 4)".to_owned(),
-        sources: vec![LoadSource::Output(4)],
-        at_current_a: None,
-        size_ut: 4.0,
-        heading_effect_deg: 12.0,
-        sigmas: 9.0,
-    };
+    let cause = BendingCause::Periodic(2.0);
+    let load = BendingLoad { cause, size_ut: 4.0, heading_effect_deg: 12.0, sigmas: 9.0 };
     for (accuracy, state, reason_codes) in [
         (Err(UnknownError::FewHeadings(1)), CompassState::Bad, ["bent-by-load"].as_slice()),
         (Ok(6.0), CompassState::Bad, &["bent-by-load", "error-as-logged", "no-gain"]),
         (Ok(1.0), CompassState::Good, &["good-as-logged", "no-gain"]),
     ] {
-        let judgement = judge_bent(accuracy, Some(load.clone()));
+        let judgement = judge_bent(accuracy, vec![load.clone()]);
         assert_eq!((judgement.compass_state, judgement.reason_codes().as_slice()), (state, reason_codes));
         let action = if state == CompassState::Bad { CompassAction::Replace } else { CompassAction::LeaveUnchanged };
         assert_eq!(judgement.recommended_action, action);
