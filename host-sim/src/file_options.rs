@@ -5,30 +5,45 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{self, LogError, LoggedFlight};
+use log_analysis::log::{self, LogError, LogVisitor};
 use log_analysis::report::{self, Report};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
 use crate::command_failure::CommandFailure;
 
-/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is the unit of a table's field,
-/// `system` the MAVLink system to read (default: the first autopilot).
+/// Visits each log of a file, or of standard input if the path is `-`, by its path: that of the file, followed by the log's
+/// name if the file holds several. Such a path visits that log alone. `unit` is the unit of a table's field, `system` the
+/// MAVLink system to read (default: the first autopilot).
 ///
 /// # Errors
 ///
-/// The file cannot be read, or holds no usable flight.
-pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<LoggedFlight, LogError> {
-    log::read_flight_of_system(&mut *open_log(path)?, unit, system)
-}
-
-/// The content of a log, or standard input if its name is `-`.
-///
-/// # Errors
-///
-/// The file cannot be opened.
-pub fn open_log(path: &Path) -> io::Result<Box<dyn Read>> {
-    Ok(if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(path)?) })
+/// The file cannot be read, or holds no log of this name.
+pub fn visit_logs(
+    path: &Path,
+    unit: FieldUnit,
+    system: Option<u8>,
+    visit: &mut LogVisitor<'_>,
+) -> Result<(), LogError> {
+    let file = path.ancestors().find(|file| file.is_file()).unwrap_or(path);
+    let mut source: Box<dyn Read> =
+        if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(file)?) };
+    let mut names = Vec::new();
+    let mut is_found = file == path;
+    log::visit_flights(&mut *source, unit, system, &mut |name, flight| {
+        let log_path = if name.is_empty() { file.display().to_string() } else { format!("{}/{name}", file.display()) };
+        if file == path || file.join(name) == path {
+            is_found = true;
+            visit(&log_path, flight);
+        } else {
+            names.push(log_path);
+        }
+    })?;
+    if is_found {
+        return Ok(());
+    }
+    let reason = format!("the file has no log of this name; it has {}", names.join(", "));
+    Err(io::Error::new(io::ErrorKind::NotFound, reason).into())
 }
 
 /// World for `table1`, `random`, or the path of an airframe file.

@@ -99,27 +99,17 @@ pub type LogVisitor<'a> = dyn FnMut(&str, Result<LoggedFlight, LogError>) + 'a;
 ///
 /// # Errors
 ///
-/// As [`read_flight_of_system`].
+/// As [`only_flight`] of [`visit_flights`].
 pub fn read_flight(source: &mut dyn Read, unit: FieldUnit) -> Result<LoggedFlight, LogError> {
-    read_flight_of_system(source, unit, None)
-}
-
-/// Reads the only flight of a source. `unit` is the unit of a table's field, `system` the MAVLink system to read (default:
-/// the first autopilot).
-///
-/// # Errors
-///
-/// The source cannot be read, or holds no usable flight, or several.
-pub fn read_flight_of_system(
-    source: &mut dyn Read,
-    unit: FieldUnit,
-    system: Option<u8>,
-) -> Result<LoggedFlight, LogError> {
-    only_flight(&mut |visit| visit_flights(source, unit, system, visit))
+    only_flight(&mut |visit| visit_flights(source, unit, None, visit))
 }
 
 /// The only flight that is visited.
-fn only_flight(
+///
+/// # Errors
+///
+/// The visit fails, or holds no usable flight, or several.
+pub fn only_flight(
     visit_flights: &mut dyn FnMut(&mut LogVisitor<'_>) -> Result<(), LogError>,
 ) -> Result<LoggedFlight, LogError> {
     let (mut names, mut first_flight, mut first_error) = (Vec::new(), None, LogError::Empty);
@@ -134,7 +124,8 @@ fn only_flight(
     if names.len() > 1 { Err(LogError::SeveralLogs(names)) } else { first_flight.ok_or(first_error) }
 }
 
-/// Reads each log of a source: a file, the files of an archive, the flights of a blackbox.
+/// Reads each log of a source: a file, the files of an archive, the flights of a blackbox. `unit` is the unit of a table's
+/// field, `system` the MAVLink system to read (default: the first autopilot).
 ///
 /// # Errors
 ///
