@@ -29,7 +29,7 @@ choose_cargo() {
         # Its own directory under target/: two compilers in one would rebuild each other's work.
         cargo=(env "$wrapper" CARGO_TARGET_DIR="$folder/build-std" RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 /usr/bin/cargo)
         target_options+=("-Zbuild-std=$2")
-    elif command -v rustup >/dev/null && rustup target add "$1"; then
+    elif command -v rustup >/dev/null && rustup target add "$1" && has_rustup_target "$1"; then
         choose_cargo "$@"
     else
         echo "no compiler for $1. Install rustup (https://rustup.rs), or on Debian:

@@ -231,8 +231,9 @@ impl Instrument {
         if let Some(body_field) = body_field {
             self.attitude_track.update_field(body_field);
         }
-        let attitude = self.attitude_at(at);
-        let gyro_heading = self.attitude_track.gyro_heading_at(at, self.attitude_latency_us());
+        let latency_us = self.attitude_latency_us();
+        let attitude = self.attitude_at(at, latency_us);
+        let gyro_heading = self.attitude_track.gyro_heading_at(at, latency_us);
         let heading = match fault {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, gyro_heading.as_ref()),
@@ -263,7 +264,7 @@ impl Instrument {
     /// Estimate for a silent sensor, once the time without a reading exceeds the configured limit.
     #[must_use]
     pub fn on_silence(&self, at: Timestamp) -> Estimate {
-        let (attitude, current_a) = (self.attitude_at(at).ok(), self.current_a(at));
+        let (attitude, current_a) = (self.attitude_at(at, self.attitude_latency_us()).ok(), self.current_a(at));
         Estimate {
             timestamp: at,
             attitude,
@@ -366,8 +367,8 @@ impl Instrument {
         (latency_s * 1e6) as i32
     }
 
-    fn attitude_at(&self, at: Timestamp) -> Result<RollPitch, NoHeading> {
-        match self.attitude_track.attitude_at(at, self.attitude_latency_us()) {
+    fn attitude_at(&self, at: Timestamp, latency_us: i32) -> Result<RollPitch, NoHeading> {
+        match self.attitude_track.attitude_at(at, latency_us) {
             AttitudeLookup::Interpolated(attitude) | AttitudeLookup::Extrapolated(attitude) => Ok(attitude),
             AttitudeLookup::Frozen => Err(NoHeading::AttitudeFrozen),
             AttitudeLookup::Contradicted => Err(NoHeading::AttitudeContradicted),
