@@ -174,10 +174,7 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 ///
 /// The file cannot be read, or holds no usable flight.
 pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<LoggedFlight, JudgementError> {
-    with_given_mount(
-        log::only_flight(&mut |visit| visit_logs(file, options.unit, options.system, visit))?,
-        options,
-    )
+    with_given_mount(log::only_flight(&mut |visit| visit_logs(file, options.unit, options.system, visit))?, options)
 }
 
 /// The flight with the orientation of the options.

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::command_failure::CommandFailure;
-use crate::file_options::visit_logs;
+use crate::file_options::{table_files, visit_logs};
 use crate::print;
 use crate::progress::progress_bar;
 use crate::replay::{ReplayArguments, evaluate_log, with_given_mount};
@@ -69,7 +69,8 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
     Ok(ExitCode::from(lines.iter().map(|line| line.exit_code).max().unwrap_or(2)))
 }
 
-/// The given files, and all files in the given folders and their subfolders, sorted by name.
+/// The given files, and all files in the given folders and their subfolders, sorted by name. A folder with tables of one log is
+/// in place of its tables.
 fn expand_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
     let mut files = Vec::new();
     for path in paths {
@@ -84,6 +85,10 @@ fn expand_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
         let mut entries = entries.map_err(unreadable)?;
         entries.retain(|entry| entry.is_file() || entry.is_dir() && !entry.is_symlink());
         entries.sort();
+        if !table_files(path).is_empty() {
+            entries.retain(|entry| entry.extension().is_none_or(|extension| extension != "csv"));
+            files.push(path.clone());
+        }
         files.extend(expand_folders(&entries)?);
     }
     Ok(files)

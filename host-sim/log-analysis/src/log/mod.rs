@@ -10,6 +10,7 @@
 //! | values separated by comma, semicolon or tab | `.csv` | a first line that names `t_s` |
 //! | INAV's and Betaflight's blackbox | `.TXT`, `.bbl`, `.BFL` | its first line (`blackbox/`) |
 //! | the same, decoded by `blackbox_decode` | `.csv` | `loopIteration,` |
+//! | tables of one topic or sensor each | `.csv` in a folder or archive | name and header (`table_set.rs`) |
 //! | an archive with these | `.zip`, `.gz` | `PK`, `1F 8B` |
 //!
 //! The format is detected from the content, not the file name. Logs are read as streams: a [`LoggedFlight`] holds at most
@@ -44,6 +45,7 @@ mod rates_problem;
 mod read_window;
 mod rotation;
 mod scalar;
+mod table_set;
 pub mod time_series;
 mod timeline;
 mod tlog;
@@ -77,8 +79,10 @@ use std::io::{self, Read};
 
 use csv::FieldUnit;
 use flate2::read::MultiGzDecoder;
+use table_set::{TableFile, TableSet};
 use utf16::utf16_text;
 use zip::BoundedContent;
+pub use zip::EntryVisitor;
 
 /// Bytes searched to detect the format.
 const FORMAT_DETECTION_BYTES: usize = 1 << 16;
@@ -136,14 +140,42 @@ pub fn visit_flights(
     system: Option<u8>,
     visit: &mut LogVisitor<'_>,
 ) -> Result<(), LogError> {
-    visit_unchecked(source, (unit, system), &mut |name, flight| {
+    visit_unchecked(source, (unit, system), &mut checked(visit))
+}
+
+/// Reads the logs of which each topic or sensor is a table among the files of a folder; others are ignored.
+///
+/// # Errors
+///
+/// A file cannot be read, or there are no such tables.
+pub fn visit_folder(
+    visit_files: &mut dyn FnMut(&mut EntryVisitor<'_>) -> io::Result<()>,
+    unit: FieldUnit,
+    visit: &mut LogVisitor<'_>,
+) -> Result<(), LogError> {
+    // At this depth a file that is not a table is no archive.
+    LogReader { options: (unit, None), visit: &mut checked(visit) }.visit_files("", visit_files, MAX_ARCHIVE_DEPTH)
+}
+
+/// Whether a file is a table of a log that has further tables.
+///
+/// # Errors
+///
+/// The source cannot be read.
+pub fn is_table_of_log(name: &str, source: &mut dyn Read) -> io::Result<bool> {
+    Ok(TableFile::new(name, &read_first_bytes(source)?).is_some())
+}
+
+/// A visitor that gets each flight with its body rates and headings checked.
+fn checked(visit: &mut LogVisitor<'_>) -> impl FnMut(&str, Result<LoggedFlight, LogError>) {
+    |name, flight| {
         let checked = flight.map(|mut flight| {
             rates::check_and_repair_rates(&mut flight);
             heading_latency::remove_heading_latencies(&mut flight);
             flight
         });
         visit(name, checked);
-    })
+    }
 }
 
 /// Reads each log, without checks of its body rates.
@@ -167,7 +199,7 @@ impl LogReader<'_, '_> {
             let mut content = BoundedContent::new(MultiGzDecoder::new(source));
             self.visit_source(name, &mut content, depth + 1)
         } else if zip::matches_header(&first_bytes) {
-            self.visit_archive(name, &mut source, depth)
+            self.visit_files(name, &mut |visit| zip::visit_entries(&mut source, visit), depth)
         } else if blackbox::matches_header(&first_bytes) {
             self.visit_blackbox(name, &mut source)
         } else {
@@ -177,11 +209,25 @@ impl LogReader<'_, '_> {
         }
     }
 
-    fn visit_archive(&mut self, name: &str, source: &mut dyn Read, depth: u8) -> Result<(), LogError> {
-        let (mut log_count, mut others) = (0, Vec::new());
-        zip::visit_entries(source, &mut |entry, content| {
+    /// Visits the logs of an archive or folder.
+    fn visit_files(
+        &mut self,
+        name: &str,
+        visit_files: &mut dyn FnMut(&mut EntryVisitor<'_>) -> io::Result<()>,
+        depth: u8,
+    ) -> Result<(), LogError> {
+        let (mut log_count, mut others, mut tables) = (0, Vec::new(), TableSet::default());
+        visit_files(&mut |entry, content| {
+            let first_bytes = read_first_bytes(content)?;
+            let mut content = first_bytes.as_slice().chain(content);
+            if let Some(file) = TableFile::new(&entry, &first_bytes) {
+                if tables.log_name != file.log_name {
+                    log_count += self.visit_tables(name, std::mem::replace(&mut tables, TableSet::new(file.log_name)));
+                }
+                return tables.read_table(&file, &mut content, self.options.0);
+            }
             let entry_name = joined_name(name, &entry);
-            match self.visit_source(&entry_name, content, depth + 1) {
+            match self.visit_source(&entry_name, &mut content, depth + 1) {
                 Err(LogError::UnknownFormat | LogError::Empty) => others.push(entry),
                 Err(LogError::Io(error)) => return Err(error),
                 Err(error) => {
@@ -192,7 +238,16 @@ impl LogReader<'_, '_> {
             }
             Ok(())
         })?;
+        log_count += self.visit_tables(name, tables);
         if log_count == 0 { Err(LogError::ArchiveWithoutLog(others)) } else { Ok(()) }
+    }
+
+    /// Visits the log of the tables, if there are any; returns the number of logs.
+    fn visit_tables(&mut self, name: &str, tables: TableSet) -> usize {
+        let log_name = joined_name(name, &tables.log_name);
+        let Some(flight) = tables.finish_flight() else { return 0 };
+        (self.visit)(&log_name, flight.and_then(|flight| check_flight(flight, None)));
+        1
     }
 
     /// Flights of a blackbox have numbers, unless there is one alone.
@@ -214,7 +269,7 @@ impl LogReader<'_, '_> {
 }
 
 fn joined_name(outer: &str, inner: &str) -> String {
-    if outer.is_empty() { inner.to_owned() } else { format!("{outer}/{inner}") }
+    if outer.is_empty() || inner.is_empty() { format!("{outer}{inner}") } else { format!("{outer}/{inner}") }
 }
 
 fn read_content(

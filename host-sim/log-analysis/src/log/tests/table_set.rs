@@ -1,0 +1,50 @@
+//! Logs of which each topic is a table of its own.
+
+use nalgebra::UnitQuaternion;
+
+use super::*;
+
+/// Tables as `ulog2csv` writes them, of the second compass and of the attitude, with a damaged line each.
+fn topic_tables(log_name: &str) -> Vec<(String, String)> {
+    let mut magnetometer = "timestamp,device_id,magnetometer_ga[0],magnetometer_ga[1],magnetometer_ga[2]\n".to_owned();
+    let mut attitude = "timestamp,q[0],q[1],q[2],q[3],quat_reset_counter\n".to_owned();
+    for sample in two_compass_recording(&[]).samples {
+        let [x, y, z] = sample.field_ut[1].map(|ut| ut / 100.0);
+        let [roll, pitch, yaw] = sample.attitude_rad;
+        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        magnetometer += &format!("{},7,{x},{y},{z}\n", sample.time_us);
+        attitude += &format!("{},{},{},{},{},0\n", sample.time_us, q.w, q.i, q.j, q.k);
+    }
+    let table = |topic: &str, text: String| (format!("{log_name}_{topic}_0.csv"), text + "-,#\n");
+    vec![
+        table("cpuload", "timestamp,load\n1,0.5\n".to_owned()),
+        table("vehicle_attitude", attitude),
+        table("vehicle_magnetometer", magnetometer),
+    ]
+}
+
+/// The parameters are not among the tables, so that the field stays as logged, and none are written.
+#[test]
+fn the_tables_of_ulog2csv_are_one_log() {
+    let files: Vec<_> = ["days/first", "days/second"].iter().flat_map(|name| topic_tables(name)).collect();
+    let entries: Vec<_> = files.iter().map(|(name, text)| (name.as_str(), text.as_bytes())).collect();
+    let expected = read_bytes(&encode_ulog(&two_compass_recording(&[]))).unwrap();
+    let mut names = Vec::new();
+    let bytes = archive::archive(&entries, archive::Packing::Deflated);
+    visit_flights(&mut bytes.as_slice(), FieldUnit::Milligauss, None, &mut |name, flight| {
+        let flight = flight.unwrap();
+        names.push(name.to_owned());
+        assert_eq!(flight.log_format, LogFormat::ULog);
+        assert_eq!(flight.compasses[0].slot, CompassSlot::Unknown { reason: UnknownSlot::NoParameters });
+        for (row, sample) in flight.compasses[0].field.rows().iter().zip(&two_compass_recording(&[]).samples) {
+            assert!((logged_ut(row) - Vector3::from(sample.field_ut[1])).norm() < 0.001);
+        }
+        let [rows, expected_rows] = [&flight, &expected].map(|flight| flight.attitude.rows());
+        assert_eq!(rows.len(), expected_rows.len());
+        for (row, expected) in rows.iter().zip(expected_rows) {
+            assert!((Vector3::from(row.row_values) - Vector3::from(expected.row_values)).norm() < 1e-4);
+        }
+    })
+    .unwrap();
+    assert_eq!(names, ["days/first", "days/second"]);
+}
