@@ -86,7 +86,10 @@ fn expand_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
         entries.retain(|entry| entry.is_file() || entry.is_dir() && !entry.is_symlink());
         entries.sort();
         if !table_files(path).is_empty() {
-            entries.retain(|entry| entry.extension().is_none_or(|extension| extension != "csv"));
+            // `meta` is phyphox's description of the phone.
+            entries.retain(|entry| {
+                entry.extension().is_none_or(|extension| extension != "csv") && !entry.ends_with("meta")
+            });
             files.push(path.clone());
         }
         files.extend(expand_folders(&entries)?);

@@ -29,7 +29,7 @@ fn record_samples() -> Vec<Sample> {
     let world = World::new(WorldConfig::of_table1(1).with_vehicle_kind(VehicleKind::Rover));
     let (mut motion, mut errors) = (world.inertial_source(), MeasurementErrors::new(1, 1.0));
     for heading_change_deg in [720.0, -720.0] {
-        world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        world.append_leg(Leg::Turn { bank_deg: 5.0, heading_change_deg });
     }
     let sample = |i: u64| {
         let at_us = i * 1_000_000 / RATE_HZ;

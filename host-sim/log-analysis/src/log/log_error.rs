@@ -102,7 +102,7 @@ impl fmt::Display for LogError {
                  blackbox_disable_attitude = OFF`; Betaflight before 2025.12 has none to log",
             ),
             Self::NoAttitude(LogFormat::Csv) => f.write_str(
-                "CSV: no attitude: it takes roll and pitch, or a gyro and an accelerometer with ten rows a second or more",
+                "CSV: no attitude: it takes roll and pitch, or a gyro and an accelerometer with twenty rows a second or more",
             ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
             Self::SystemNotFound(system, found) if found.is_empty() => {

@@ -38,17 +38,8 @@ const OTHER_NAMES: [(&str, &str); 6] = [
     ("height", "height_m"),
 ];
 
-/// Files of one log, in lower case; each has one sensor, or two.
-const SENSOR_FILES: [&str; 8] = [
-    "gyroscope",
-    "accelerometer",
-    "totalacceleration",
-    "gravity",
-    "magnetometer",
-    "magnetometeruncalibrated",
-    "inertial",
-    "location",
-];
+/// Files of phyphox, in lower case; each has one sensor.
+const PHYPHOX_FILES: [&str; 4] = ["gyroscope", "accelerometer", "magnetometer", "location"];
 
 /// Units by which xio's recorders are known from phones.
 const XIO_UNITS: [&str; 3] = ["deg/s", "g", "a.u."];
@@ -87,12 +78,14 @@ fn sensor_and_axis(column: &str, stem: &str) -> Option<(SensorColumns, usize)> {
     SENSORS.iter().find(|(name, ..)| *name == sensor).map(|columns| (*columns, axis))
 }
 
-/// Whether this is the table of a sensor whose log has further tables.
+/// Whether this is a table whose log has further tables: it has the clock of Sensor Logger or of x-IMU3, or is a file of phyphox;
+/// and it is no whole log.
 pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
     let cells = header_cells(header, file_stem);
-    let has = |names: &[&str]| cells.iter().any(|cell| names.iter().any(|name| cell.name.eq_ignore_ascii_case(name)));
-    SENSOR_FILES.contains(&file_stem.to_lowercase().as_str())
-        && has(&["t_s", "time"])
-        && has(&["p_dps", "ax", "mx", "mx2", "lat_deg"])
-        && !has(&["roll", "roll_deg"])
+    let has = |own_name: &str| cells.iter().any(|cell| cell.name == own_name);
+    let is_of_phyphox = PHYPHOX_FILES.contains(&file_stem.to_lowercase().as_str())
+        && has("Time")
+        && ["p_dps", "ax", "mx", "lat_deg"].into_iter().any(has);
+    let has_clock = ["seconds_elapsed", "Timestamp (us)"].iter().any(|clock| header.contains(clock));
+    (has_clock || is_of_phyphox) && !["p_dps", "ax", "mx"].into_iter().all(has)
 }

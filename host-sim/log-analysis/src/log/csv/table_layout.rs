@@ -59,7 +59,8 @@ pub(super) fn is_header(line: &str) -> bool {
     let names: Vec<&str> = cells.iter().map(|cell| &*cell.name).collect();
     let is_named = |name: &str| find_column(&names, name).is_some() || find_with_unit(&names, name).is_some();
     let named_columns = ALTERNATIVE_NAMES.iter().filter(|(name, _)| is_named(name)).count();
-    named_columns >= MIN_REQUIRED_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
+    let has_own_clock = line.split(cell_separator(line)).any(|cell| trimmed_cell(cell).eq_ignore_ascii_case("t_s"));
+    named_columns >= MIN_REQUIRED_COLUMNS || has_own_clock
 }
 
 /// Name of a column, and the content of its invalid cell.
@@ -77,8 +78,11 @@ impl TableLayout {
         let find_all = |[x, y, z]: [&str; 3]| Some([find(x)?, find(y)?, find(z)?]);
         let rate_columns = find_rate_columns(&find)?;
         let force_columns = find_all(["ax", "ay", "az"]);
-        let attitude_columns = find("roll_deg").zip(find("pitch_deg")).map(|(roll, pitch)| [roll, pitch]);
-        if file_stem.is_empty() {
+        let is_whole_log = file_stem.is_empty();
+        // Sensor Logger and x-IMU3 have other angles.
+        let attitude_columns =
+            find("roll_deg").zip(find("pitch_deg")).map(|(roll, pitch)| [roll, pitch]).filter(|_| is_whole_log);
+        if is_whole_log {
             need("mx").and(need("my")).and(need("mz"))?;
             if rate_columns.and(force_columns).is_none() {
                 need("roll_deg").and(need("pitch_deg"))?;
