@@ -379,7 +379,7 @@ impl UlogReader {
             return;
         };
         let processing = match is_raw {
-            _ if self.is_of_tables => FieldProcessing::Unknown(UnknownSlot::NoParameters),
+            _ if self.is_of_tables => FieldProcessing::Unknown(UnknownSlot::NotInTables),
             true => FieldProcessing::Px4SensorRaw(index),
             false => FieldProcessing::Px4(index),
         };
