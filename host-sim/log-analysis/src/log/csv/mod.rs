@@ -43,7 +43,7 @@ pub use scale_problem::ScaleProblem;
 
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
-pub use reader::TableReader;
+pub(super) use reader::TableReader;
 use table_cells::is_comment;
 use table_layout::{TableLayout, is_header};
 
@@ -67,8 +67,7 @@ pub fn read_csv(source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvE
 
 /// Whether this is the header of a sensor's table whose log has further tables; `file_stem` is the file's name without
 /// extension.
-#[must_use]
-pub fn is_sensor_table(header: &str, file_stem: &str) -> bool {
+pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
     sensor_columns::is_sensor_table(header, file_stem)
 }
 
@@ -77,7 +76,7 @@ pub fn is_sensor_table(header: &str, file_stem: &str) -> bool {
 /// # Errors
 ///
 /// A column is missing.
-pub fn read_table(
+pub(super) fn read_table(
     table_reader: &mut TableReader,
     mut source: impl Read,
     unit: FieldUnit,

@@ -1,5 +1,7 @@
 //! Logs of which each topic is a table of its own.
 
+use std::fmt::Write as _;
+
 use nalgebra::UnitQuaternion;
 
 use super::*;
@@ -12,8 +14,8 @@ fn topic_tables(log_name: &str) -> Vec<(String, String)> {
         let [x, y, z] = sample.field_ut[1].map(|ut| ut / 100.0);
         let [roll, pitch, yaw] = sample.attitude_rad;
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-        magnetometer += &format!("{},7,{x},{y},{z}\n", sample.time_us);
-        attitude += &format!("{},{},{},{},{},0\n", sample.time_us, q.w, q.i, q.j, q.k);
+        writeln!(magnetometer, "{},7,{x},{y},{z}", sample.time_us).unwrap();
+        writeln!(attitude, "{},{},{},{},{},0", sample.time_us, q.w, q.i, q.j, q.k).unwrap();
     }
     let table = |topic: &str, text: String| (format!("{log_name}_{topic}_0.csv"), text + "-,#\n");
     vec![table("vehicle_attitude", attitude), table("vehicle_magnetometer", magnetometer)]
