@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::{Args, ColorChoice, CommandFactory as _, Parser, Subcommand};
 
 use crate::command_failure::CommandFailure;
+use crate::file_options::table_files;
 use crate::termination::TerminationSignals;
 use crate::{fly, print, replay, several_logs};
 
@@ -78,7 +79,7 @@ impl CliCommand {
         match self {
             Self::Fly(options) => fly::run_fly(options),
             Self::Replay(options) => match options.files.as_slice() {
-                [file] if !file.is_dir() => match replay::run_replay(file, options)? {
+                [file] if !file.is_dir() || !table_files(file).is_empty() => match replay::run_replay(file, options)? {
                     Some(exit_code) => Ok(exit_code),
                     None => several_logs::replay_several_logs(options),
                 },

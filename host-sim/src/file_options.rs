@@ -5,30 +5,73 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{self, LogError, LoggedFlight};
+use log_analysis::log::{self, LogError, LogVisitor};
 use log_analysis::report::{self, Report};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
 use crate::command_failure::CommandFailure;
 
-/// Reads a flight from a file, or from standard input if its name is `-`. `unit` is the unit of a table's field,
-/// `system` the MAVLink system to read (default: the first autopilot).
+/// Visits each log of a file, of the tables in a folder, or of standard input if the path is `-`, by its path: that of the
+/// file or folder, followed by the log's name if it holds several. Such a path visits that log alone. `unit` is the unit of a table's field, `system` the
+/// MAVLink system to read (default: the first autopilot).
 ///
 /// # Errors
 ///
-/// The file cannot be read, or holds no usable flight.
-pub fn read_log(path: &Path, unit: FieldUnit, system: Option<u8>) -> Result<LoggedFlight, LogError> {
-    log::read_flight_of_system(&mut *open_log(path)?, unit, system)
+/// The file cannot be read, or holds no log of this name.
+pub fn visit_logs(
+    path: &Path,
+    unit: FieldUnit,
+    system: Option<u8>,
+    visit: &mut LogVisitor<'_>,
+) -> Result<(), LogError> {
+    let is_source = |file: &&Path| file.is_file() || !table_files(file).is_empty();
+    let file = path.ancestors().find(is_source).unwrap_or(path);
+    let mut names = Vec::new();
+    let mut is_found = file == path;
+    let mut visit_log = |name: &str, flight| {
+        let log_path = if name.is_empty() { file.display().to_string() } else { format!("{}/{name}", file.display()) };
+        if file == path || file.join(name) == path {
+            is_found = true;
+            visit(&log_path, flight);
+        } else {
+            names.push(log_path);
+        }
+    };
+    if file.is_dir() {
+        log::visit_folder(&mut |visit| read_files(&table_files(file), visit), unit, &mut visit_log)?;
+    } else {
+        let mut source: Box<dyn Read> =
+            if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(file)?) };
+        log::visit_flights(&mut *source, unit, system, &mut visit_log)?;
+    }
+    if is_found {
+        return Ok(());
+    }
+    let reason = format!("the file has no log of this name; it has {}", names.join(", "));
+    Err(io::Error::new(io::ErrorKind::NotFound, reason).into())
 }
 
-/// The content of a log, or standard input if its name is `-`.
-///
-/// # Errors
-///
-/// The file cannot be opened.
-pub fn open_log(path: &Path) -> io::Result<Box<dyn Read>> {
-    Ok(if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(path)?) })
+/// The files of a folder that are tables of one log, sorted by name; none of a folder that cannot be read.
+#[must_use]
+pub fn table_files(folder: &Path) -> Vec<PathBuf> {
+    let is_table = |path: &PathBuf| {
+        let is_csv = path.extension().is_some_and(|extension| extension == "csv") && path.is_file();
+        is_csv
+            && File::open(path).and_then(|mut file| log::is_table_of_log(&file_name(path), &mut file)).unwrap_or(false)
+    };
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(is_table).collect();
+    files.sort();
+    files
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn read_files(files: &[PathBuf], visit: &mut log::EntryVisitor<'_>) -> io::Result<()> {
+    files.iter().try_for_each(|path| visit(file_name(path), &mut File::open(path)?))
 }
 
 /// World for `table1`, `random`, or the path of an airframe file.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use autoswing::calibration::Orientation;
 use clap::Args;
 use log_analysis::log::csv::FieldUnit;
-use log_analysis::log::{LogError, LogFormat, LoggedFlight};
+use log_analysis::log::{self, LogError, LogFormat, LoggedFlight};
 use log_analysis::replay::evaluation::{EvaluationOptions, FlightEvaluation};
 use log_analysis::replay::judgement_request::{JudgementError, evaluate_as_requested, settings_table};
 use log_analysis::replay::parameter_export::{CorrectedTerms, ParameterFormat};
@@ -15,7 +15,7 @@ use log_analysis::replay::{ReferenceKind, RowSelection};
 use log_analysis::report::{self, ReportOrigin};
 
 use crate::command_failure::CommandFailure;
-use crate::file_options::read_log;
+use crate::file_options::visit_logs;
 use crate::heading_file::write_headings;
 use crate::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
 use crate::print::{self, command_line, write_report};
@@ -67,7 +67,8 @@ const EXAMPLES: &str = "Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReplayArguments {
-    /// The log, `-` is standard input; several logs, or folders of logs with their subfolders, give one line each, the worst first
+    /// The log, `-` is standard input; several logs, or folders of logs with their subfolders, give one line each, the worst
+    /// first. A log of a file that holds several is named after the file: "LOG.TXT/flight 2"
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
     /// Write the parameters to load; without any, an existing file is left as it is. A name that ends in .params gives
@@ -132,6 +133,12 @@ pub struct ReplayArguments {
 }
 
 impl ReplayArguments {
+    /// Whether an option is of one log only.
+    #[must_use]
+    pub const fn takes_one_log(&self) -> bool {
+        self.params.is_some() || self.params_for.is_some() || self.out.is_some() || self.report.is_some()
+    }
+
     fn evaluation_options(&self) -> EvaluationOptions {
         EvaluationOptions {
             compared_module: self.module.or(self.out.is_some().then_some(RowSelection::Flight)),
@@ -167,7 +174,7 @@ fn parse_orientation(name: &str) -> Result<Orientation, String> {
 ///
 /// The file cannot be read, or holds no usable flight.
 pub fn read_flight(file: &Path, options: &ReplayArguments) -> Result<LoggedFlight, JudgementError> {
-    with_given_mount(read_log(file, options.unit, options.system)?, options)
+    with_given_mount(log::only_flight(&mut |visit| visit_logs(file, options.unit, options.system, visit))?, options)
 }
 
 /// The flight with the orientation of the options.
@@ -200,6 +207,7 @@ fn failure_of_log(file: &Path, error: &JudgementError) -> CommandFailure {
     let text = error.text_for_log(&file.display().to_string());
     CommandFailure(match error {
         JudgementError::Log(LogError::Io(_)) => format!("{text}; give the path of a log, or - for standard input"),
+        JudgementError::Log(LogError::SeveralLogs(_)) => format!("{text}; give its name"),
         _ => text,
     })
 }
@@ -218,7 +226,9 @@ pub fn run_replay(file: &Path, options: &ReplayArguments) -> Result<Option<ExitC
     let bar = show_spinner("reading the log");
     let failed = |error: JudgementError| failure_of_log(file, &error);
     let flight = match read_flight(file, options) {
-        Err(JudgementError::Log(LogError::SeveralLogs(_))) if file.as_os_str() != "-" => return Ok(None),
+        Err(JudgementError::Log(LogError::SeveralLogs(_))) if file.as_os_str() != "-" && !options.takes_one_log() => {
+            return Ok(None);
+        }
         read => read.map_err(failed)?,
     };
     bar.set_message("evaluating the compasses");

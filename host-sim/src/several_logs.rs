@@ -4,7 +4,7 @@ use std::io::{IsTerminal as _, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use log_analysis::log::{self, LogError, LoggedFlight};
+use log_analysis::log::{LogError, LoggedFlight};
 use log_analysis::replay::judgement_request::JudgementError;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::{CompassAction, CompassState, CompassVerdict, Verdict};
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::command_failure::CommandFailure;
-use crate::file_options::open_log;
+use crate::file_options::{table_files, visit_logs};
 use crate::print;
 use crate::progress::progress_bar;
 use crate::replay::{ReplayArguments, evaluate_log, with_given_mount};
@@ -37,7 +37,7 @@ struct LogLine {
 ///
 /// An option takes one log only, or a folder cannot be read.
 pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, CommandFailure> {
-    if options.params.is_some() || options.params_for.is_some() || options.out.is_some() || options.report.is_some() {
+    if options.takes_one_log() {
         return Err(CommandFailure("--params, --params-for, --out and --report take one log".to_owned()));
     }
     let files = expand_folders(&options.files)?;
@@ -69,7 +69,8 @@ pub fn replay_several_logs(options: &ReplayArguments) -> Result<ExitCode, Comman
     Ok(ExitCode::from(lines.iter().map(|line| line.exit_code).max().unwrap_or(2)))
 }
 
-/// The given files, and all files in the given folders and their subfolders, sorted by name.
+/// The given files, and all files in the given folders and their subfolders, sorted by name. A folder with tables of one log is
+/// in place of its tables.
 fn expand_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
     let mut files = Vec::new();
     for path in paths {
@@ -84,6 +85,13 @@ fn expand_folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CommandFailure> {
         let mut entries = entries.map_err(unreadable)?;
         entries.retain(|entry| entry.is_file() || entry.is_dir() && !entry.is_symlink());
         entries.sort();
+        if !table_files(path).is_empty() {
+            // `meta` is phyphox's description of the phone.
+            entries.retain(|entry| {
+                entry.extension().is_none_or(|extension| extension != "csv") && !entry.ends_with("meta")
+            });
+            files.push(path.clone());
+        }
         files.extend(expand_folders(&entries)?);
     }
     Ok(files)
@@ -101,11 +109,8 @@ pub fn is_log(path: &Path) -> bool {
 fn judge_logs(file: &Path, options: &ReplayArguments) -> Vec<LogLine> {
     let file_name = file.display().to_string();
     let mut lines = Vec::new();
-    let visited = open_log(file).map_err(LogError::from).and_then(|mut source| {
-        log::visit_flights(&mut *source, options.unit, options.system, &mut |name, flight| {
-            let name = if name.is_empty() { file_name.clone() } else { format!("{file_name}/{name}") };
-            lines.push(judge_log(&name, flight, options));
-        })
+    let visited = visit_logs(file, options.unit, options.system, &mut |name, flight| {
+        lines.push(judge_log(name, flight, options));
     });
     let is_in_folder = !options.files.iter().any(|given| given == file);
     match visited {

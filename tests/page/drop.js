@@ -194,8 +194,14 @@ async function checkRefusals({ page, addFinding }, log) {
   // The page judges one log at a time, where the program gives a line for each.
   await choose(page, written("two.zip", archive(table, copy)));
   await shown("an archive of two", "several-logs: two.zip: these are several logs, of which one is judged at a time: flight.csv, copy.csv");
+  await page.getByRole("button", { name: "copy.csv" }).click();
+  await untilJudged(page);
+  await compareWithCommand({ page, addFinding }, judgeByCommand(path.join(work, "two.zip", "copy.csv")), "the chosen log of two");
   await drop(page, table, copy);
   await shown("two files", "several-logs: flight.csv, copy.csv: these are several logs, of which one is judged at a time: flight.csv, copy.csv");
+  await page.getByRole("button", { name: "flight.csv" }).click();
+  await untilJudged(page);
+  if ((await page.locator("#error").isVisible()) || !(await page.locator("#verdict").isVisible())) addFinding("the chosen file of two is not judged");
   for (const [from, to] of [[500, 200], [5000, 6000], [60, 61]]) {
     await choose(page, log);
     await untilJudged(page);

@@ -345,6 +345,31 @@ fn a_folder_gives_a_line_for_each_log_in_it() {
     assert_eq!(stdout_text.lines().count(), 2, "{stdout_text}");
 }
 
+#[test]
+fn the_report_is_of_the_log_that_is_named_after_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path_in_folder = |name: &str| folder.path().join(name);
+    let [first, second] = [1, 2].map(|seed| encode_blackbox(&record_turns(&WorldConfig::of_table1(seed), 0.0)));
+    fs::write(path_in_folder("LOG.TXT"), [&first[..], &second].concat()).unwrap();
+    fs::write(path_in_folder("second.TXT"), &second).unwrap();
+    let report_of = |name: &str| {
+        let mut command = host_sim_command("replay --json --report");
+        command.arg(path_in_folder("r.svg")).arg(path_in_folder(name));
+        let Output { stdout, stderr, .. } = command.output().unwrap();
+        let picture = fs::read_to_string(path_in_folder("r.svg")).unwrap_or_default();
+        let _ = fs::remove_file(path_in_folder("r.svg"));
+        (picture, [stdout, stderr].map(|bytes| String::from_utf8(bytes).unwrap()))
+    };
+    let (picture, [json, _]) = report_of("LOG.TXT/flight 2");
+    assert!(picture.starts_with("<svg"), "{json}");
+    assert_eq!(json, report_of("second.TXT").1[0]);
+    for (name, cause) in [("LOG.TXT", "several-logs: "), ("LOG.TXT/flight 3", "unreadable-file: ")] {
+        let (picture, [_, error]) = report_of(name);
+        let has_names = error.contains("LOG.TXT/flight 1, ") && error.contains("LOG.TXT/flight 2");
+        assert!(picture.is_empty() && error.contains(cause) && has_names, "{error}");
+    }
+}
+
 const TABLE: &str = "replay host-sim/data/flight.csv";
 
 #[test]

@@ -1,7 +1,7 @@
 "use strict";
 const $ = (id) => document.getElementById(id);
 const [form, status, progress, report] = ["choices", "status", "progress", "report"].map($);
-let worker, files, judged, isBusy, next, largest;
+let worker, files, log, judged, isBusy, next, largest;
 let steps = [];
 
 function startWorker() {
@@ -30,32 +30,32 @@ function choices() {
 const DEFAULT_OPTIONS = { module: null, compass: null, from_s: null, to_s: null, reference: null };
 
 // Clears the page for other files, or for an example without a file.
-function clearPage(chosen) {
+function clearPage(chosen, name) {
   if (isBusy) startWorker();
-  files = chosen;
+  [files, log] = [chosen, name];
   [judged, next, steps] = [null, null, []];
   form.reset();
-  for (const id of ["again", "flight", "error"]) $(id).hidden = true;
+  for (const id of ["again", "flight", "error", "logs"]) $(id).hidden = true;
   report.replaceChildren();
   document.title = $("title").textContent = "Is the compass good?";
 }
 
-const logName = () => files.map(({ name }) => name).join(", ") || "example.bin";
+const logName = () => files.map(({ name }) => name).join(", ") + (log ? `/${log}` : "") || "example.bin";
 
-// Reads a log, and judges all its compasses; without a file the example log.
-function openLog(chosen) {
-  clearPage(chosen);
+// Reads a log, by its name if the file holds several, and judges all its compasses; without a file the example log.
+function openLog(chosen, name = null) {
+  clearPage(chosen, name);
   showStatus(`Reading ${logName()}`, 0);
   send(requestOf("mg", DEFAULT_OPTIONS));
 }
 
 function requestOf(unit, judge) {
   if (!files.length) return { example: {}, judge };
-  return { open: { names: files.map(({ name }) => name), unit }, judge, file: files[0] };
+  return { open: { names: files.map(({ name }) => name), log, unit }, judge, file: files[0] };
 }
 
 function flyExample() {
-  clearPage([]);
+  clearPage([], null);
   $("file").value = "";
   for (const point of document.querySelectorAll("#flight circle, #flight .covered")) point.remove();
   largest = { measured: 0, corrected: null };
@@ -138,8 +138,21 @@ function showStatus(text, done) {
   else progress.removeAttribute("value");
 }
 
-// Shows an error in place of the result.
-function showFailure(text) {
+// Buttons for logs of which one is judged at a time: chosen files, or logs within one.
+function showLogs(names) {
+  const chosen = files;
+  const buttons = names.map((name) => {
+    const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: name });
+    button.onclick = () => (chosen.length > 1 ? openLog(chosen.filter((file) => file.name === name)) : openLog(chosen, name));
+    return button;
+  });
+  $("logs").replaceChildren(...buttons);
+  $("logs").hidden = !names.length;
+}
+
+// Shows an error in place of the result, and the logs to choose from.
+function showFailure(text, names = []) {
+  showLogs(names);
   [isBusy, next, judged] = [false, null, null];
   report.removeAttribute("aria-busy");
   report.replaceChildren();
@@ -154,7 +167,7 @@ function handleMessage(message) {
   if (message.flight) return steps.push(message.flight) === 1 && requestAnimationFrame(playSteps);
   if (message.summary) return showChoices(message.summary);
   if (message.isFault) startWorker();
-  if (message.error !== undefined) return showFailure(message.isFault ? `the program failed (${message.error}); please report it` : message.error);
+  if (message.error !== undefined) return showFailure(message.isFault ? `the program failed (${message.error}); please report it` : message.error, message.logs);
   isBusy = false;
   judged = message.judged;
   if (next) return send(next), (next = null);

@@ -35,7 +35,7 @@ function call(name, request) {
   new Uint8Array(wasm.memory.buffer, at, bytes.length).set(bytes);
   wasm[name]();
   const answer = read(wasm.answer(), wasm.answer_length());
-  if (answer.error !== undefined) throw new Error(answer.error);
+  if (answer.error !== undefined) throw Object.assign(new Error(answer.error), { logs: answer.logs });
   return answer;
 }
 
@@ -58,6 +58,6 @@ onmessage = async ({ data }) => {
     answer(data);
   } catch (error) {
     // After a trap (a fault of the WebAssembly program) its memory is unusable: the page starts another worker.
-    postMessage({ error: error.message, isFault: error instanceof WebAssembly.RuntimeError || wasm === undefined });
+    postMessage({ error: error.message, logs: error.logs, isFault: error instanceof WebAssembly.RuntimeError || wasm === undefined });
   }
 };

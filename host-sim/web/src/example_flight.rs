@@ -16,7 +16,7 @@ use simulator::rig::Rig;
 use simulator::transcript;
 use simulator::world::WorldConfig;
 
-use crate::loaded_log::{LoadedLog, LogRequest};
+use crate::loaded_log::{LoadedLog, LogRequest, RequestFailure};
 
 /// Request of the page.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -82,13 +82,13 @@ const EXAMPLE_SEED: u64 = 1;
 /// # Errors
 ///
 /// The log cannot be read, which would be a fault of its writer.
-pub fn record_example() -> Result<LoadedLog, String> {
+pub fn record_example() -> Result<LoadedLog, RequestFailure> {
     let mut rig = Rig::new(WorldConfig::of_table1(EXAMPLE_SEED));
     let recorder = Recorder::new(&rig);
     let mut recorded = ObservedModule::new(&mut rig, recorder);
     mission::fly_mission_of_module(&mut recorded, TurnPlan::default(), &mut |_, _| {});
     let bytes = encode_dataflash(&recorded.observer.recording);
-    let request = LogRequest { names: vec!["example.bin".to_owned()], unit: FieldUnit::Milligauss };
+    let request = LogRequest { names: vec!["example.bin".to_owned()], log: None, unit: FieldUnit::Milligauss };
     LoadedLog::read_log(&mut bytes.as_slice(), request)
 }
 

@@ -18,6 +18,9 @@ use serde::{Deserialize, Serialize};
 pub struct LogRequest {
     /// Names of the chosen files; only one is read.
     pub names: Vec<String>,
+    /// Name of the log within a file that holds several.
+    #[serde(default)]
+    pub log: Option<String>,
     /// Unit of the field, if the log is a table.
     pub unit: FieldUnit,
 }
@@ -63,6 +66,21 @@ pub struct JudgedLog {
     pub json: String,
 }
 
+/// Reason why a request failed.
+#[derive(Clone, Debug, Serialize)]
+pub struct RequestFailure {
+    /// The reason in words.
+    pub error: String,
+    /// Names of the logs of which one is to be chosen.
+    pub logs: Vec<String>,
+}
+
+impl From<String> for RequestFailure {
+    fn from(error: String) -> Self {
+        Self { error, logs: Vec::new() }
+    }
+}
+
 /// A log that was read.
 #[derive(Debug)]
 pub struct LoadedLog {
@@ -75,14 +93,26 @@ impl LoadedLog {
     ///
     /// # Errors
     ///
-    /// The source cannot be read, or holds no usable flight.
-    pub fn read_log(source: &mut dyn Read, request: LogRequest) -> Result<Self, String> {
-        let name = request.names.join(", ");
-        let flight = match request.names.len() {
-            1 => log::read_flight(source, request.unit),
-            _ => Err(LogError::SeveralLogs(request.names)),
+    /// The source cannot be read, or holds no usable flight, or several of which none is chosen.
+    pub fn read_log(source: &mut dyn Read, request: LogRequest) -> Result<Self, RequestFailure> {
+        let LogRequest { names, log: chosen, unit } = request;
+        let name = names.iter().chain(&chosen).map(String::as_str).collect::<Vec<_>>();
+        let name = name.join(if chosen.is_some() { "/" } else { ", " });
+        let is_chosen = |log_name: &str| chosen.as_ref().is_none_or(|chosen| log_name == chosen);
+        let flight = match names.len() {
+            1 => log::only_flight(&mut |visit| {
+                log::visit_flights(source, unit, None, &mut |log_name, flight| {
+                    if is_chosen(log_name) {
+                        visit(log_name, flight);
+                    }
+                })
+            }),
+            _ => Err(LogError::SeveralLogs(names)),
         };
-        let flight = flight.map_err(|error| JudgementError::Log(error).text_for_log(&name))?;
+        let flight = flight.map_err(|error| {
+            let logs = if let LogError::SeveralLogs(logs) = &error { logs.clone() } else { Vec::new() };
+            RequestFailure { error: JudgementError::Log(error).text_for_log(&name), logs }
+        })?;
         Ok(Self { name, flight })
     }
 
@@ -173,7 +203,7 @@ mod tests {
     fn a_log_that_cannot_be_judged_is_an_error_in_words() {
         let read = |names: &str, bytes: &[u8]| {
             let request = serde_json::from_str(&format!(r#"{{ "names": {names}, "unit": "ut" }}"#)).unwrap();
-            LoadedLog::read_log(&mut &*bytes, request).unwrap_err()
+            LoadedLog::read_log(&mut &*bytes, request).unwrap_err().error
         };
         assert_eq!(read(r#"["a.bin"]"#, b""), "empty-file: a.bin: the file is empty");
         assert!(read(r#"["letter"]"#, b"Dear reader").starts_with("unknown-format: letter: not a known log"));

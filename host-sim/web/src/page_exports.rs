@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use crate::example_flight;
-use crate::loaded_log::LoadedLog;
+use crate::loaded_log::{LoadedLog, RequestFailure};
 
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
@@ -50,13 +50,13 @@ impl PageState {
         serde_json::from_slice(&self.request).map_err(|error| error.to_string())
     }
 
-    fn open_log(&mut self) -> Result<impl Serialize + use<>, String> {
+    fn open_log(&mut self) -> Result<impl Serialize + use<>, RequestFailure> {
         self.log = None;
         let log = LoadedLog::read_log(&mut PageFile, self.parse_request()?)?;
         Ok(self.log.insert(log).log_summary())
     }
 
-    fn open_example(&mut self) -> Result<impl Serialize + use<>, String> {
+    fn open_example(&mut self) -> Result<impl Serialize + use<>, RequestFailure> {
         let log = example_flight::record_example()?;
         Ok(self.log.insert(log).log_summary())
     }
@@ -75,9 +75,11 @@ impl PageState {
         }))
     }
 
-    fn set_answer(&mut self, result: Result<impl Serialize, String>) {
-        let answer = result.and_then(|answer| serde_json::to_vec(&answer).map_err(|error| error.to_string()));
-        self.answer = answer.unwrap_or_else(|error| json!({ "error": error }).to_string().into_bytes());
+    fn set_answer(&mut self, result: Result<impl Serialize, impl Into<RequestFailure>>) {
+        let answer = result
+            .map_err(Into::into)
+            .and_then(|answer| serde_json::to_vec(&answer).map_err(|error| RequestFailure::from(error.to_string())));
+        self.answer = answer.unwrap_or_else(|failure| json!(failure).to_string().into_bytes());
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod causes;
 mod course;
+mod inertial;
 mod judgement;
 mod logs;
 mod native;

@@ -70,6 +70,8 @@ pub enum UnknownSlot {
     PrimaryLessBias,
     /// The blackbox has neither the calibration nor the alignment.
     NotInBlackbox,
+    /// The tables of `ulog2csv` lack the parameters.
+    NotInTables,
 }
 
 impl Default for CompassSlot {
@@ -108,6 +110,7 @@ impl fmt::Display for UnknownSlot {
                 write!(f, "the offsets in use are those of slot {found}, but the parameters assign slot {expected}")
             }
             Self::NotInBlackbox => f.write_str("a blackbox has neither calibration nor alignment of the compass"),
+            Self::NotInTables => f.write_str("ulog2csv writes no parameters; judge the .ulg itself"),
             Self::PrimaryLessBias => {
                 f.write_str("HIGHRES_IMU is the primary compass, corrected and less the bias of PX4's filter")
             }

@@ -101,6 +101,9 @@ impl fmt::Display for LogError {
                 "blackbox: no attitude is logged: `blackbox ATTI` in INAV's CLI logs it, in Betaflight's `set \
                  blackbox_disable_attitude = OFF`; Betaflight before 2025.12 has none to log",
             ),
+            Self::NoAttitude(LogFormat::Csv) => f.write_str(
+                "CSV: no attitude: it takes roll and pitch, or a gyro and an accelerometer with twenty rows a second or more",
+            ),
             Self::NoAttitude(format) => write!(f, "{}: no attitude is logged", format.format_name()),
             Self::SystemNotFound(system, found) if found.is_empty() => {
                 write!(f, "no system {system}: no vehicle of the log has this number")

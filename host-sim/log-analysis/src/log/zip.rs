@@ -20,7 +20,7 @@ const METHOD_STORED: u16 = 0;
 const METHOD_DEFLATE: u16 = 8;
 
 /// Receives the name and the content of a file.
-type EntryVisitor<'a> = dyn FnMut(String, &mut dyn Read) -> io::Result<()> + 'a;
+pub type EntryVisitor<'a> = dyn FnMut(String, &mut dyn Read) -> io::Result<()> + 'a;
 
 /// Whether these are the first bytes of an archive.
 pub fn matches_header(first_bytes: &[u8]) -> bool {

@@ -11,10 +11,12 @@ enum Quantity {
     Angle,
     /// Degrees per second.
     Rate,
+    /// Meters per second squared.
+    Force,
 }
 
 /// Quantities of the columns, and names before a unit as in `roll_rad`.
-const COLUMN_QUANTITIES: [(&str, Quantity, &[&str]); 11] = [
+const COLUMN_QUANTITIES: [(&str, Quantity, &[&str]); 14] = [
     ("t_s", Quantity::Time, &["t", "time"]),
     ("mx", Quantity::Field, &["mx", "magx", "mag_x"]),
     ("my", Quantity::Field, &["my", "magy", "mag_y"]),
@@ -26,10 +28,13 @@ const COLUMN_QUANTITIES: [(&str, Quantity, &[&str]); 11] = [
     ("p_dps", Quantity::Rate, &["p"]),
     ("q_dps", Quantity::Rate, &["q"]),
     ("r_dps", Quantity::Rate, &["r"]),
+    ("ax", Quantity::Force, &["ax"]),
+    ("ay", Quantity::Force, &["ay"]),
+    ("az", Quantity::Force, &["az"]),
 ];
 
 /// Names of the units in lower case, and their sizes in that of the reader.
-const UNITS: [(Quantity, &[&str], f64); 16] = [
+const UNITS: [(Quantity, &[&str], f64); 19] = [
     (Quantity::Time, &["s", "sec", "seconds"], 1.0),
     (Quantity::Time, &["ms", "millis", "milliseconds"], 1e-3),
     (Quantity::Time, &["us", "\u{b5}s", "\u{3bc}s", "micros", "microseconds"], 1e-6),
@@ -40,12 +45,16 @@ const UNITS: [(Quantity, &[&str], f64); 16] = [
     (Quantity::Field, &["nt", "nanotesla"], 1e-3),
     (Quantity::Field, &["mt", "millitesla"], 1e3),
     (Quantity::Field, &["t", "tesla"], 1e6),
+    // x-IMU3: 1 is the strength where it was calibrated, 50 uT to a third.
+    (Quantity::Field, &["a.u."], 50.0),
     (Quantity::Angle, &["deg", "degrees", "\u{b0}"], 1.0),
     (Quantity::Angle, &["rad", "radians"], 180.0 / std::f64::consts::PI),
     (Quantity::Angle, &["cdeg", "centideg", "centidegrees"], 0.01),
     (Quantity::Rate, &["dps", "deg/s", "deg_s", "\u{b0}/s"], 1.0),
     (Quantity::Rate, &["rad/s", "rad_s", "radps"], 180.0 / std::f64::consts::PI),
     (Quantity::Rate, &["mdps"], 1e-3),
+    (Quantity::Force, &["m/s2", "m/s^2", "m/s\u{b2}", "mps2", "m_s2"], 1.0),
+    (Quantity::Force, &["g"], 9.806_65),
 ];
 
 /// Splits a header's cell into name and declared unit.

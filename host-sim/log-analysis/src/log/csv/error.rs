@@ -43,7 +43,7 @@ impl fmt::Display for CsvError {
                 write!(
                     f,
                     "no column {name}; needed are t_s, mx, my, mz, roll_deg, pitch_deg (or time, MagX, MagY, MagZ, roll, \
-                     pitch), named in the first line"
+                     pitch), named in the first line; p_dps, q_dps, r_dps, ax, ay, az give roll and pitch, too"
                 )
             }
             Self::MissingRateColumn(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),

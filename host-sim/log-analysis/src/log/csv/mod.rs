@@ -8,6 +8,7 @@
 //! | `roll_deg`, `pitch_deg` | attitude; right wing down and nose up positive |
 //! | `use` | optional: 0 excludes a row from fit and score |
 //! | `p_dps`, `q_dps`, `r_dps` | optional: body rates, deg/s, each the mean since the row before |
+//! | `ax`, `ay`, `az` | specific force, m/s^2, (0, 0, -9.8) level at rest: with body rates in place of roll and pitch |
 //! | `yaw_ref_deg` | optional: reference heading, from any north |
 //! | `yaw_deg` | optional: the autopilot's own yaw, from true north |
 //! | `current_a` | optional: current, amperes |
@@ -26,9 +27,11 @@
 mod column_unit;
 mod error;
 mod field_unit;
+mod inertial_attitude;
 mod rates;
 mod reader;
 mod scale_problem;
+mod sensor_columns;
 mod table_cells;
 mod table_layout;
 
@@ -40,7 +43,7 @@ pub use scale_problem::ScaleProblem;
 
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
-use reader::TableReader;
+pub(super) use reader::TableReader;
 use table_cells::is_comment;
 use table_layout::{TableLayout, is_header};
 
@@ -56,7 +59,29 @@ pub fn is_table(first_bytes: &[u8]) -> bool {
 /// # Errors
 ///
 /// The table has no usable rows, or a column is missing.
-pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvError> {
+pub fn read_csv(source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvError> {
+    let mut table_reader = TableReader::new();
+    read_table(&mut table_reader, source, unit, "")?;
+    table_reader.finish_flight()
+}
+
+/// Whether this is the header of a sensor's table whose log has further tables; `file_stem` is the file's name without
+/// extension.
+pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
+    sensor_columns::is_sensor_table(header, file_stem)
+}
+
+/// Reads a table whose log has further tables if it has a name.
+///
+/// # Errors
+///
+/// A column is missing.
+pub(super) fn read_table(
+    table_reader: &mut TableReader,
+    mut source: impl Read,
+    unit: FieldUnit,
+    file_stem: &str,
+) -> Result<(), CsvError> {
     let mut window = ReadWindow::new(&mut source);
     let mut line_number = 0_u64;
     let mut next_line = || {
@@ -69,21 +94,21 @@ pub fn read_csv(mut source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, 
         Ok(None)
     };
     let Some((_, header)) = next_line()? else { return Err(CsvError::MissingColumn("t_s".to_owned())) };
-    let table = TableLayout::from_header(&header)?;
+    let table = TableLayout::from_header(&header, file_stem)?;
     let mut first_lines = Vec::new();
     while first_lines.len() < MAX_ORDER_CHECK_LINES
         && let Some(line) = next_line()?
     {
         first_lines.push(line);
     }
-    let mut table_reader = TableReader::from_first_lines(&table, &first_lines);
+    table_reader.begin_table(&table, &first_lines);
     for (line_number, line) in first_lines {
         table_reader.record_line(&table, unit, line_number, &line);
     }
     while let Some((line_number, line)) = next_line()? {
         table_reader.record_line(&table, unit, line_number, &line);
     }
-    table_reader.finish_flight()
+    Ok(())
 }
 
 /// Lines examined for their order in time.

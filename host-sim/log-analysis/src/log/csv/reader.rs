@@ -3,8 +3,10 @@
 use super::super::flight::{Gps, LogFormat, LoggedFlight};
 use super::super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::super::time_series::Series;
+use super::super::timeline::Timeline;
 use super::error::CsvError;
 use super::field_unit::FieldUnit;
+use super::inertial_attitude::inertial_attitudes;
 use super::rates::rates_at_rows;
 use super::scale_problem::{ScaleMonitor, ScaleProblem, time_problem};
 use super::table_layout::{InvalidCell, TableLayout};
@@ -17,10 +19,11 @@ const MEDIAN_LINE_CLOCK_US: f64 = 1e13;
 /// as bad.
 const MAX_TIME_FROM_MEDIAN_S: f64 = 1e6;
 
-/// Flight that is read from a table.
-pub(super) struct TableReader {
+/// Flight that is read from a table, or from one of each sensor.
+pub struct TableReader {
     builder: FlightBuilder,
     rates: Series<3>,
+    forces: Series<3>,
     armed_states: Series<1>,
     /// Median time of the first lines, seconds (possibly Unix time); rows with times far from it are rejected.
     median_time_s: f64,
@@ -32,9 +35,25 @@ pub(super) struct TableReader {
 }
 
 impl TableReader {
-    /// Examines the first lines. They are unordered if one step in ten goes back by more than 3 s (the disorder of a
-    /// clock), or two in three go back at all.
-    pub fn from_first_lines(table: &TableLayout, first_lines: &[(u64, String)]) -> Self {
+    /// A reader before its first table.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            builder: FlightBuilder::new(LogFormat::Csv),
+            rates: Series::new(),
+            forces: Series::new(),
+            armed_states: Series::new(),
+            median_time_s: 0.0,
+            is_unordered: false,
+            first_invalid_cell: None,
+            time_problem: None,
+            scale_monitor: ScaleMonitor::default(),
+        }
+    }
+
+    /// Examines the first lines of a table. They are unordered if one step in ten goes back by more than 3 s (the disorder of
+    /// a clock), or two in three go back at all.
+    pub(super) fn begin_table(&mut self, table: &TableLayout, first_lines: &[(u64, String)]) {
         const MAX_REORDERING_S: f64 = 3.0;
         let mut times_s: Vec<f64> = first_lines
             .iter()
@@ -43,23 +62,17 @@ impl TableReader {
         let steps =
             |is_counted: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is_counted(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
-        let is_unordered = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
+        self.is_unordered = far_back * 10 > times_s.len() || back * 3 > times_s.len() * 2;
         times_s.sort_by(f64::total_cmp);
-        let median_time_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
-        let builder = FlightBuilder::new(LogFormat::Csv);
-        Self {
-            builder,
-            rates: Series::new(),
-            armed_states: Series::new(),
-            median_time_s,
-            is_unordered,
-            first_invalid_cell: None,
-            time_problem: time_problem(&times_s),
-            scale_monitor: ScaleMonitor::default(),
+        self.median_time_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
+        self.builder.timeline = Timeline::default();
+        // Positions may be rare.
+        if !table.field_columns.is_empty() {
+            self.time_problem = self.time_problem.take().or_else(|| time_problem(&times_s));
         }
     }
 
-    pub fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, line_number: u64, line: &str) {
+    pub(super) fn record_line(&mut self, table: &TableLayout, unit: FieldUnit, line_number: u64, line: &str) {
         if let Err((column, found)) = self.read_line(table, unit, line) {
             self.builder.flight.skipped_counts.garbage += 1;
             self.first_invalid_cell.get_or_insert((line_number, column, found));
@@ -70,18 +83,21 @@ impl TableReader {
         let cells = table.split_line(line);
         table.reject_extra_cells(&cells)?;
         let t_s = cells.required_number(table.time_column, "t_s")?;
-        let [roll_deg, pitch_deg] = [
-            cells.required_number(table.attitude_columns[0], "roll_deg")?,
-            cells.required_number(table.attitude_columns[1], "pitch_deg")?,
-        ];
+        let attitude_deg = match table.attitude_columns {
+            Some([roll, pitch]) => {
+                Some([cells.required_number(roll, "roll_deg")?, cells.required_number(pitch, "pitch_deg")?])
+            }
+            None => None,
+        };
         let mut fields = Vec::new();
         for &(compass_number, [x, y, z]) in &table.field_columns {
             let given = [x, y, z].map(|index| cells.number_in_column(index));
-            if compass_number == 1 || given.iter().all(Option::is_some) {
+            let is_required = compass_number == 1 && attitude_deg.is_some();
+            if is_required || given.iter().all(Option::is_some) {
                 let field =
                     [cells.required_number(x, "mx")?, cells.required_number(y, "my")?, cells.required_number(z, "mz")?];
                 if compass_number == 1 {
-                    self.scale_monitor.add_row([roll_deg, pitch_deg], field);
+                    self.scale_monitor.add_row(attitude_deg.unwrap_or_default(), field);
                 }
                 let microtesla_per_unit = [x, y, z].map(|index| table.microtesla_per_unit(index, unit));
                 let field_ut = std::array::from_fn(|axis| (field[axis] * microtesla_per_unit[axis]) as f32);
@@ -95,19 +111,14 @@ impl TableReader {
         let usable = optional_number(table.usable_column, "use")?;
         let reference = optional_number(table.reference_column, "yaw_ref_deg")?;
         let yaw = optional_number(table.yaw_column, "yaw_deg")?;
-        let rates_dps =
-            match table.rate_columns.filter(|rates| rates.iter().any(|&index| cells.number_in_column(index).is_some()))
-            {
-                Some([p, q, r]) => Some([
-                    cells.required_number(p, "p_dps")?,
-                    cells.required_number(q, "q_dps")?,
-                    cells.required_number(r, "r_dps")?,
-                ]),
-                None => None,
-            };
+        let rates_dps = cells.optional_vector(table.rate_columns, ["p_dps", "q_dps", "r_dps"])?;
+        let force_m_s2 = cells.optional_vector(table.force_columns, ["ax", "ay", "az"])?;
         let Some(t_s) = self.row_time_s(t_s) else { return Ok(()) };
         if let Some(rates_dps) = rates_dps {
             self.rates.push_row(t_s, rates_dps.map(|dps| dps.to_radians() as f32));
+        }
+        if let Some(force_m_s2) = force_m_s2 {
+            self.forces.push_row(t_s, force_m_s2.map(|axis| axis as f32));
         }
         if let Ok(Some(armed)) = optional_number(table.armed_column, "armed") {
             self.armed_states.push_row(t_s, [f32::from(armed != 0.0)]);
@@ -116,8 +127,10 @@ impl TableReader {
         for (compass_number, field_ut) in fields {
             builder.push_field(compass_number, FieldProcessing::BodyRaw, t_s, field_ut, None);
         }
-        let angles = [roll_deg, pitch_deg, yaw.unwrap_or(f64::NAN)];
-        builder.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
+        if let Some([roll_deg, pitch_deg]) = attitude_deg {
+            let angles = [roll_deg, pitch_deg, yaw.unwrap_or(f64::NAN)];
+            builder.push_attitude(t_s, angles.map(|deg| deg.to_radians() as f32));
+        }
         let flight = &mut builder.flight;
         if let Some(reference) = reference {
             flight.reference_heading.push_row(t_s, [reference.to_radians() as f32]);
@@ -158,14 +171,25 @@ impl TableReader {
         }
     }
 
+    /// The flight of all tables.
+    ///
+    /// # Errors
+    ///
+    /// The tables have no usable rows, or their values contradict their units.
     pub fn finish_flight(mut self) -> Result<LoggedFlight, CsvError> {
         let scale_problem = self.time_problem.take().or_else(|| self.scale_monitor.problem(self.is_unordered));
         if let Some(problem) = scale_problem {
             return Err(CsvError::Scale(problem));
         }
         self.rates.sort_and_dedup();
+        self.forces.sort_and_dedup();
         for (t_s, rates_rad_s) in rates_at_rows(&self.rates) {
             self.builder.push_rates(t_s, rates_rad_s);
+        }
+        if self.builder.flight.attitude.is_empty() {
+            for (t_s, [roll_rad, pitch_rad]) in inertial_attitudes(&self.rates, &self.forces) {
+                self.builder.push_attitude(t_s, [roll_rad, pitch_rad, f32::NAN]);
+            }
         }
         self.armed_states.sort_and_dedup();
         for row in self.armed_states.rows() {
@@ -173,7 +197,8 @@ impl TableReader {
         }
         let flight = self.builder.finish_flight();
         // Rejected readings count as rows; the caller reports them.
-        let is_empty = flight.compasses.is_empty() && flight.skipped_counts.rejected_readings == 0;
+        let is_empty =
+            flight.compasses.is_empty() && flight.body_rates.is_empty() && flight.skipped_counts.rejected_readings == 0;
         if is_empty { Err(CsvError::NoRows(self.first_invalid_cell)) } else { Ok(flight) }
     }
 }

@@ -1,9 +1,10 @@
 //! Columns of a table and the parser of its lines.
 
 use super::super::flight_builder::MAX_COMPASSES;
-use super::column_unit::{find_with_unit, name_and_unit, unit_size};
+use super::column_unit::{find_with_unit, unit_size};
 use super::error::CsvError;
 use super::field_unit::FieldUnit;
+use super::sensor_columns::{HeaderCell, header_cells};
 use super::table_cells::{cell_separator, trimmed_cell};
 
 pub(super) struct TableLayout {
@@ -12,7 +13,9 @@ pub(super) struct TableLayout {
     column_count: usize,
     pub time_column: usize,
     pub field_columns: Vec<(u8, [usize; 3])>,
-    pub attitude_columns: [usize; 2],
+    /// Roll and pitch; without them gyro and accelerometer give the attitude.
+    pub attitude_columns: Option<[usize; 2]>,
+    pub force_columns: Option<[usize; 3]>,
     pub rate_columns: Option<[usize; 3]>,
     pub usable_column: Option<usize>,
     pub reference_column: Option<usize>,
@@ -52,42 +55,55 @@ fn find_column(names: &[&str], name: &str) -> Option<usize> {
 }
 
 pub(super) fn is_header(line: &str) -> bool {
-    let names: Vec<&str> =
-        line.split(cell_separator(line)).map(trimmed_cell).map(|cell| name_and_unit(cell).0).collect();
+    let cells = header_cells(line, "");
+    let names: Vec<&str> = cells.iter().map(|cell| &*cell.name).collect();
     let is_named = |name: &str| find_column(&names, name).is_some() || find_with_unit(&names, name).is_some();
     let named_columns = ALTERNATIVE_NAMES.iter().filter(|(name, _)| is_named(name)).count();
-    named_columns >= MIN_REQUIRED_COLUMNS || names.iter().any(|name| name.eq_ignore_ascii_case("t_s"))
+    let has_own_clock = line.split(cell_separator(line)).any(|cell| trimmed_cell(cell).eq_ignore_ascii_case("t_s"));
+    named_columns >= MIN_REQUIRED_COLUMNS || has_own_clock
 }
 
 /// Name of a column, and the content of its invalid cell.
 pub(super) type InvalidCell = (String, String);
 
 impl TableLayout {
-    pub fn from_header(header: &str) -> Result<Self, CsvError> {
-        let cell_separator = cell_separator(header);
-        let cells: Vec<(&str, Option<&str>)> =
-            header.split(cell_separator).map(trimmed_cell).map(name_and_unit).collect();
-        let names: Vec<&str> = cells.iter().map(|(name, _)| *name).collect();
+    /// Columns by the first line. `file_stem` is the file's name without extension if other files have further columns,
+    /// else empty.
+    pub fn from_header(header: &str, file_stem: &str) -> Result<Self, CsvError> {
+        let cells = header_cells(header, file_stem);
+        let names: Vec<&str> = cells.iter().map(|cell| &*cell.name).collect();
         let find =
             |name: &str| find_column(&names, name).or_else(|| find_with_unit(&names, name).map(|(index, _)| index));
         let need = |name: &str| find(name).ok_or_else(|| CsvError::MissingColumn(name.to_owned()));
-        let mut fields = vec![(1, [need("mx")?, need("my")?, need("mz")?])];
-        for compass_number in 2..=MAX_COMPASSES {
-            if let [Some(x), Some(y), Some(z)] = ["mx", "my", "mz"].map(|axis| find(&format!("{axis}{compass_number}")))
-            {
-                fields.push((compass_number, [x, y, z]));
+        let find_all = |[x, y, z]: [&str; 3]| Some([find(x)?, find(y)?, find(z)?]);
+        let rate_columns = find_rate_columns(&find)?;
+        let force_columns = find_all(["ax", "ay", "az"]);
+        let is_whole_log = file_stem.is_empty();
+        // Sensor Logger and x-IMU3 have other angles.
+        let attitude_columns =
+            find("roll_deg").zip(find("pitch_deg")).map(|(roll, pitch)| [roll, pitch]).filter(|_| is_whole_log);
+        if is_whole_log {
+            need("mx").and(need("my")).and(need("mz"))?;
+            if rate_columns.and(force_columns).is_none() {
+                need("roll_deg").and(need("pitch_deg"))?;
             }
         }
+        let fields = (1..=MAX_COMPASSES).filter_map(|compass_number| {
+            let number = if compass_number == 1 { String::new() } else { compass_number.to_string() };
+            let [x, y, z] = ["mx", "my", "mz"].map(|axis| find(&format!("{axis}{number}")));
+            Some((compass_number, [x?, y?, z?]))
+        });
         let position_columns = find("lat_deg").zip(find("lon_deg")).map(|(latitude, longitude)| [latitude, longitude]);
         let unit_sizes = declared_unit_sizes(&cells, &find)?;
         Ok(Self {
             unit_sizes,
-            cell_separator,
+            cell_separator: cell_separator(header),
             column_count: names.len(),
             time_column: need("t_s")?,
-            field_columns: fields,
-            attitude_columns: [need("roll_deg")?, need("pitch_deg")?],
-            rate_columns: find_rate_columns(&find)?,
+            field_columns: fields.collect(),
+            attitude_columns,
+            force_columns,
+            rate_columns,
             usable_column: find("use"),
             reference_column: find("yaw_ref_deg"),
             yaw_column: find("yaw_deg").or_else(|| find("yaw_log_deg")),
@@ -123,18 +139,20 @@ impl TableLayout {
 
 /// Sizes of the units that the header declares for the columns that are read.
 fn declared_unit_sizes(
-    cells: &[(&str, Option<&str>)],
+    cells: &[HeaderCell<'_>],
     find: &dyn Fn(&str) -> Option<usize>,
 ) -> Result<Vec<Option<f64>>, CsvError> {
-    let names: Vec<&str> = cells.iter().map(|(name, _)| *name).collect();
+    let names: Vec<&str> = cells.iter().map(|cell| &*cell.name).collect();
     let mut sizes = vec![None; cells.len()];
     let further =
         (2..=MAX_COMPASSES).flat_map(|compass_number| ["mx", "my", "mz"].map(|axis| format!("{axis}{compass_number}")));
     for column in COLUMNS_WITH_UNITS.map(str::to_owned).into_iter().chain(further) {
         let Some(index) = find(&column) else { continue };
-        sizes[index] = match cells[index].1 {
+        sizes[index] = match cells[index].unit {
             Some(unit) => {
-                Some(unit_size(&column, unit).map_err(|()| CsvError::UnknownUnit(column.clone(), unit.to_owned()))?)
+                let size =
+                    unit_size(&column, unit).map_err(|()| CsvError::UnknownUnit(column.clone(), unit.to_owned()));
+                Some(cells[index].sign * size?)
             }
             None if find_column(&names, &column).is_none() => find_with_unit(&names, &column).map(|(_, size)| size),
             None => None,
@@ -144,8 +162,22 @@ fn declared_unit_sizes(
 }
 
 /// Columns whose units a header may declare.
-const COLUMNS_WITH_UNITS: [&str; 11] =
-    ["t_s", "mx", "my", "mz", "roll_deg", "pitch_deg", "yaw_ref_deg", "yaw_deg", "p_dps", "q_dps", "r_dps"];
+const COLUMNS_WITH_UNITS: [&str; 14] = [
+    "t_s",
+    "mx",
+    "my",
+    "mz",
+    "roll_deg",
+    "pitch_deg",
+    "yaw_ref_deg",
+    "yaw_deg",
+    "p_dps",
+    "q_dps",
+    "r_dps",
+    "ax",
+    "ay",
+    "az",
+];
 
 pub(super) struct LineCells<'a> {
     unit_sizes: &'a [Option<f64>],
@@ -163,6 +195,18 @@ impl LineCells<'_> {
 
     fn parse_cell(&self, text: &str) -> Option<f64> {
         if self.has_decimal_comma { text.replace(',', ".").parse().ok() } else { text.parse().ok() }
+    }
+
+    /// The numbers of three columns; none if all cells are empty.
+    pub fn optional_vector(
+        &self,
+        columns: Option<[usize; 3]>,
+        names: [&str; 3],
+    ) -> Result<Option<[f64; 3]>, InvalidCell> {
+        let is_given = |columns: &[usize; 3]| columns.iter().any(|&index| self.number_in_column(index).is_some());
+        let Some([x, y, z]) = columns.filter(is_given) else { return Ok(None) };
+        let number = |index, axis: usize| self.required_number(index, names[axis]);
+        Ok(Some([number(x, 0)?, number(y, 1)?, number(z, 2)?]))
     }
 
     pub fn required_number(&self, index: usize, column: &str) -> Result<f64, InvalidCell> {

@@ -8,7 +8,7 @@ use flate2::write::DeflateEncoder;
 use super::*;
 
 #[derive(Clone, Copy, PartialEq)]
-enum Packing {
+pub(super) enum Packing {
     Stored,
     Deflated,
     /// Deflated, with the sizes after the content, as macOS writes.
@@ -16,7 +16,7 @@ enum Packing {
 }
 
 /// An archive of files without its directory, which a stream does not need.
-fn archive(files: &[(&str, &[u8])], packing: Packing) -> Vec<u8> {
+pub(super) fn archive(files: &[(&str, &[u8])], packing: Packing) -> Vec<u8> {
     let mut bytes = Vec::new();
     for (name, content) in files {
         let mut encoder = DeflateEncoder::new(Vec::new(), Compression::fast());

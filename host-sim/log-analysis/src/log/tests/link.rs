@@ -277,8 +277,11 @@ fn the_requested_vehicle_is_read() {
     for i in 0..one.len().max(two.len()) {
         link.extend([one.get(i), two.get(i)].into_iter().flatten().flatten());
     }
+    let read_system = |mut bytes: &[u8], system| {
+        only_flight(&mut |visit| visit_flights(&mut bytes, FieldUnit::Milligauss, system, visit))
+    };
     for (requested, systems, x_ut) in [(None, [1, 2], None), (Some(1), [1, 2], None), (Some(2), [2, 1], Some(1.0))] {
-        let flight = read_flight_of_system(&mut &link[..], FieldUnit::Milligauss, requested).unwrap();
+        let flight = read_system(&link, requested).unwrap();
         assert_eq!(flight.autopilot_system_ids, systems, "{requested:?}");
         assert!(flight.skipped_counts.other_system_messages > 600, "{requested:?}: {:?}", flight.skipped_counts);
         let rows = flight.compasses[0].field.rows();
@@ -286,11 +289,9 @@ fn the_requested_vehicle_is_read() {
         let is_the_other = rows.iter().all(|row| (row.row_values[0] - 1.0).abs() < 0.01);
         assert_eq!(is_the_other, x_ut.is_some(), "{requested:?}");
     }
-    let missing_system = read_flight_of_system(&mut &link[..], FieldUnit::Milligauss, Some(7)).unwrap_err();
+    let missing_system = read_system(&link, Some(7)).unwrap_err();
     assert_eq!(missing_system.to_string(), "there is no vehicle of system 7; there is 1, 2");
-    let table =
-        read_flight_of_system(&mut &encode_csv(&two_compass_recording(&[]))[..], FieldUnit::Milligauss, Some(1))
-            .unwrap_err();
+    let table = read_system(&encode_csv(&two_compass_recording(&[])), Some(1)).unwrap_err();
     assert_eq!(table.to_string(), "no system 1: no vehicle of the log has this number");
 }
 

@@ -8,6 +8,7 @@ mod hostile;
 mod link;
 mod px4;
 mod table;
+mod table_set;
 
 use autoswing::calibration::Orientation;
 use autoswing::earth::Date;

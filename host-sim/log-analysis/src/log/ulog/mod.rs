@@ -2,19 +2,24 @@
 
 mod row_layout;
 mod sensors;
+mod topic_table;
 
 use std::collections::HashMap;
 use std::io::{self, Read};
 
 use row_layout::{RowColumn, RowColumns, TopicRow, parse_keyed_value, scalar_type};
 use sensors::CompassAssignment;
+pub use topic_table::topic_of_file;
+use topic_table::{READ_TOPICS, columns_of_header, row_of_line};
 
+use super::compass_slot::UnknownSlot;
 use super::dataflash::quaternion_to_euler_rad;
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::load::LoadSource;
 use super::read_window::{MAX_PEEK_BYTES, ReadWindow};
 use super::time_series::Series;
+use super::timeline::Timeline;
 
 /// Start of a log; version and time follow.
 pub const ULOG_MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
@@ -113,7 +118,8 @@ struct UlogTopic {
     columns: RowColumns,
 }
 
-struct UlogReader {
+/// Flight that is read from the messages of a log, or from a table of each topic.
+pub struct UlogReader {
     builder: FlightBuilder,
     formats: HashMap<String, String>,
     topics: HashMap<u16, UlogTopic>,
@@ -123,10 +129,12 @@ struct UlogReader {
     /// Field, gauss, and body rates of `sensor_combined`, used for logs up to 1.8 only.
     sensor_combined: (Series<3>, Series<3>),
     compass_assignment: CompassAssignment,
+    /// Whether the log is the tables of its topics, which lack the parameters.
+    is_of_tables: bool,
 }
 
 impl UlogReader {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let mut builder = FlightBuilder::new(LogFormat::ULog);
         builder.flight.autopilot = AutopilotKind::Px4;
         Self {
@@ -137,7 +145,30 @@ impl UlogReader {
             has_angular_velocity: false,
             sensor_combined: (Series::new(), Series::new()),
             compass_assignment: CompassAssignment::default(),
+            is_of_tables: false,
         }
+    }
+
+    /// Reads the table of a topic.
+    ///
+    /// # Errors
+    ///
+    /// The source cannot be read.
+    pub fn read_table(&mut self, topic: &str, instance: u8, source: &mut dyn Read) -> io::Result<()> {
+        let mut window = ReadWindow::new(source);
+        let Some(header) = window.next_line()? else { return Ok(()) };
+        let separator = header.chars().nth("timestamp".len()).unwrap_or(',');
+        let columns = columns_of_header(&header, separator);
+        self.is_of_tables = true;
+        self.builder.timeline = Timeline::default();
+        while let Some(line) = window.next_line()? {
+            self.record_row(
+                topic,
+                instance,
+                &TopicRow { columns: &columns, row_bytes: &row_of_line(&line, separator) },
+            );
+        }
+        Ok(())
     }
 
     fn read_message(&mut self, message_type: u8, body: &[u8]) {
@@ -234,15 +265,20 @@ impl UlogReader {
 
     fn read_row(&mut self, body: &[u8]) {
         let [low, high, body @ ..] = body else { return };
-        let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])) else { return };
-        let row = TopicRow { columns: &topic.columns, row_bytes: body };
-        let Some(timestamp_us) = row.numeric_value("timestamp") else { return };
+        let topics = std::mem::take(&mut self.topics);
+        if let Some(topic) = topics.get(&u16::from_le_bytes([*low, *high])) {
+            self.record_row(&topic.name, topic.instance, &TopicRow { columns: &topic.columns, row_bytes: body });
+        }
+        self.topics = topics;
+    }
+
+    fn record_row(&mut self, topic: &str, instance: u8, row: &TopicRow<'_>) {
+        let Some(timestamp_us) = row.numeric_value("timestamp").filter(|us| *us >= 0.0) else { return };
         let Some(t_s) = self.builder.timeline.flight_time_s(timestamp_us as u64) else { return };
         // The sampling time precedes the publishing time.
         let sampled_s = row.numeric_value("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= timestamp_us);
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((timestamp_us - sample) / 1e6).min(1.0));
-        let instance = topic.instance;
-        match topic.name.as_str() {
+        match topic {
             "sensor_mag" if self.px4_version.is_some_and(|version| version >= (1, 11)) => {
                 if let Some(gauss) = row.vector_value(["x", "y", "z"]) {
                     let device_id = row.numeric_value("device_id").unwrap_or(0.0) as u32;
@@ -256,7 +292,7 @@ impl UlogReader {
                 }
             }
             "vehicle_attitude" if instance == 0 => {
-                if let Some(angles_rad) = angles_rad(&row) {
+                if let Some(angles_rad) = angles_rad(row) {
                     self.builder.push_attitude(sampled_s, angles_rad);
                 }
                 if let Some(rates) =
@@ -266,7 +302,7 @@ impl UlogReader {
                 }
             }
             "estimator_attitude" if instance == 0 => {
-                if let Some(angles_rad) = angles_rad(&row) {
+                if let Some(angles_rad) = angles_rad(row) {
                     self.builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad);
                 }
             }
@@ -298,11 +334,11 @@ impl UlogReader {
                 }
             }
             "vehicle_attitude_groundtruth" => {
-                if let Some(angles_rad) = angles_rad(&row) {
+                if let Some(angles_rad) = angles_rad(row) {
                     self.builder.push_true_attitude(t_s, angles_rad);
                 }
             }
-            "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, &row),
+            "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, row),
             "battery_status" => {
                 if let Some(amperes) = row.numeric_value("current_a").map(|amperes| amperes as f32) {
                     if instance == 0 {
@@ -330,7 +366,7 @@ impl UlogReader {
                 if let Some(arming_state) = row.numeric_value("arming_state") {
                     self.builder.push_armed_report(t_s, arming_state as u8 == ARMED_STATE);
                 }
-                self.builder.flight.is_copter |= is_copter(&row);
+                self.builder.flight.is_copter |= is_copter(row);
             }
             _ => {}
         }
@@ -342,11 +378,15 @@ impl UlogReader {
         else {
             return;
         };
-        let processing = if is_raw { FieldProcessing::Px4SensorRaw(index) } else { FieldProcessing::Px4(index) };
+        let processing = match is_raw {
+            _ if self.is_of_tables => FieldProcessing::Unknown(UnknownSlot::NotInTables),
+            true => FieldProcessing::Px4SensorRaw(index),
+            false => FieldProcessing::Px4(index),
+        };
         self.builder.push_field(index + 1, processing, t_s, gauss.map(|axis| axis * UT_PER_GAUSS), None);
     }
 
-    fn finish_flight(mut self) -> LoggedFlight {
+    pub fn finish_flight(mut self) -> LoggedFlight {
         let (fields, rates) = std::mem::take(&mut self.sensor_combined);
         if self.compass_assignment.is_empty() {
             for row in fields.rows() {
@@ -361,25 +401,6 @@ impl UlogReader {
         self.builder.finish_flight()
     }
 }
-
-/// Names of the topics that are read.
-const READ_TOPICS: [&str; 15] = [
-    "sensor_mag",
-    "vehicle_magnetometer",
-    "vehicle_attitude",
-    "estimator_attitude",
-    "estimator_innovation_test_ratios",
-    "estimator_status",
-    "vehicle_angular_velocity",
-    "vehicle_attitude_groundtruth",
-    "sensor_combined",
-    "vehicle_gps_position",
-    "battery_status",
-    "esc_status",
-    "actuator_motors",
-    "actuator_outputs",
-    "vehicle_status",
-];
 
 /// Roll, pitch and yaw of the row's quaternion, radians.
 fn angles_rad(row: &TopicRow<'_>) -> Option<[f32; 3]> {
