@@ -164,6 +164,8 @@ counters! {
     inertial_errors,
     /// Unexpected changes of its configuration.
     inertial_register_upsets,
+    /// Own body rates that contradict those of the autopilot.
+    inertial_rate_contradictions,
     /// Valid attitude reports of the selected sender.
     attitude_reports,
     /// Valid attitude reports of other senders.
@@ -206,6 +208,7 @@ impl EventCounters {
             (&self.attitude_frozen, counts.rejected_reports.frozen_reports),
             (&self.attitude_spikes, counts.rejected_reports.spike_reports),
             (&self.attitude_rate_contradictions, counts.rejected_reports.rate_contradictions),
+            (&self.inertial_rate_contradictions, counts.rejected_reports.own_rate_contradictions),
         ] {
             counter.store(count, Ordering::Relaxed);
         }

@@ -26,11 +26,14 @@ pub struct RejectedReports {
     pub frozen_reports: u32,
     /// Reports with body rates that contradict the attitude; used without the rates.
     pub rate_contradictions: u32,
+    /// Own body rates that contradict a report's; its rates are used.
+    pub own_rate_contradictions: u32,
 }
 
 impl RejectedReports {
     /// All counts zero.
-    pub const NO_REJECTIONS: Self = Self { spike_reports: 0, frozen_reports: 0, rate_contradictions: 0 };
+    pub const NO_REJECTIONS: Self =
+        Self { spike_reports: 0, frozen_reports: 0, rate_contradictions: 0, own_rate_contradictions: 0 };
 }
 
 /// Recent plausible reports on the module's clock.

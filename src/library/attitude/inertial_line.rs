@@ -41,6 +41,7 @@ pub(super) struct InertialLine {
     /// Consecutive reports of the autopilot whose body rates differ from the own ones.
     contradicting_reports: u8,
     is_contradicted: bool,
+    rejected_rates: u32,
 }
 
 impl InertialLine {
@@ -52,6 +53,7 @@ impl InertialLine {
             has_autopilot_reported: false,
             contradicting_reports: 0,
             is_contradicted: false,
+            rejected_rates: 0,
         }
     }
 
@@ -98,22 +100,25 @@ impl InertialLine {
         (HAS_OWN_ATTITUDE && is_alone).then_some(&self.estimates)
     }
 
-    /// Body rates at an instant, unless those of the autopilot contradict them until the filter starts again. Either may be
-    /// wrong; the autopilot's are those of a module without a gyro.
+    /// Body rates at the instant of an autopilot's report, unless its own contradict them: then those are used, and after some such
+    /// reports in a row for good. Either may be wrong; the autopilot's are those of a module without a gyro.
     pub fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
         let rates = self.body_rates_at(at)?;
-        if let Some(autopilot_rates) = autopilot_rates {
-            let difference_rad_s: [f32; 3] =
-                core::array::from_fn(|axis| rates.rad_s()[axis] - autopilot_rates.rad_s()[axis]);
-            let allowed_rad_s = MAX_RATE_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * autopilot_rates.magnitude_rad_s();
-            let differs = difference_rad_s.into_iter().any(|difference| difference.abs() > allowed_rad_s);
+        let differs = autopilot_rates.is_some_and(|autopilot_rates| differs_much(rates, autopilot_rates));
+        if autopilot_rates.is_some() {
             self.contradicting_reports = if differs { self.contradicting_reports + 1 } else { 0 };
         }
+        self.rejected_rates = self.rejected_rates.wrapping_add(u32::from(differs));
         self.is_contradicted |= self.contradicting_reports == MAX_CONTRADICTING_REPORTS;
         if self.is_contradicted {
             self.contradicting_reports = 0;
         }
-        Some(rates).filter(|_| !self.is_contradicted)
+        Some(rates).filter(|_| !differs && !self.is_contradicted)
+    }
+
+    /// Number of reports whose body rates contradicted the own ones.
+    pub const fn rejected_rates(&self) -> u32 {
+        self.rejected_rates
     }
 
     /// Body rates at an instant.
@@ -125,4 +130,10 @@ impl InertialLine {
     pub fn tilt_covariance_in_use(&self) -> Option<Matrix2<f32>> {
         self.estimates_in_use().map(|_| self.tilt_covariance)
     }
+}
+
+fn differs_much(own_rates: BodyRates, autopilot_rates: BodyRates) -> bool {
+    let allowed_rad_s = MAX_RATE_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * autopilot_rates.magnitude_rad_s();
+    let mut pairs = own_rates.rad_s().into_iter().zip(autopilot_rates.rad_s());
+    pairs.any(|(own_rad_s, autopilot_rad_s)| (own_rad_s - autopilot_rad_s).abs() > allowed_rad_s)
 }

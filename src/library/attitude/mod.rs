@@ -107,7 +107,7 @@ impl AttitudeTrack {
     /// Counts of rejected reports.
     #[must_use]
     pub const fn rejected_reports(&self) -> RejectedReports {
-        self.autopilot.rejected_reports()
+        RejectedReports { own_rate_contradictions: self.own.rejected_rates(), ..self.autopilot.rejected_reports() }
     }
 
     /// Attitude at an instant of measurement, by a source whose attitude is older than configured by `latency_us`.

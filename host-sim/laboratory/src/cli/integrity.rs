@@ -6,6 +6,7 @@ use crate::studies::integrity::{
     self, ALL_CASES, AttitudeProtocol, BEGINS_S, DURATIONS_S, FaultCase, IntegrityPlan, IntegrityRow, SWEEP_FAMILIES,
     Sweep, fault_case,
 };
+use autoswing::attitude::AttitudeSource;
 use autoswing_module::settings::HeadingKind;
 use clap::Args;
 use comfy_table::Table;
@@ -44,10 +45,13 @@ pub struct IntegrityOptions {
     /// with N flights of each duration and begin, after the calibration and after a power-on
     #[arg(long = "case", value_name = "NAME")]
     cases: Vec<String>,
-    /// Attitude source: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
+    /// Autopilot: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
     /// body rates in steps of 1 deg/s
     #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = named_value(ATTITUDE_PROTOCOLS))]
     source: AttitudeProtocol,
+    /// Attitude: the autopilot's, the module's own, or the autopilot's with own body rates (auto)
+    #[arg(long, default_value = "autopilot", value_name = "autopilot|own|auto", value_parser = named_value(&AttitudeSource::NAMED_SOURCES))]
+    attitude: AttitudeSource,
     /// Heading that is sent: raw, or smoothed if available
     #[arg(long, default_value = "smooth", value_name = "raw|smooth", value_parser = named_value(HEADING_KINDS))]
     heading: HeadingKind,
@@ -57,13 +61,14 @@ pub struct IntegrityOptions {
 }
 
 pub fn run_integrity(options: &IntegrityOptions) -> Result<ExitCode, CommandFailure> {
-    let IntegrityOptions { heading, aircraft, source, flights, seed, .. } = *options;
+    let IntegrityOptions { heading, aircraft, source, attitude, flights, seed, .. } = *options;
     let applies = |case: &FaultCase| case.applies_to_vehicle(aircraft) && case.applies_to_protocol(source);
     if options.cases.iter().any(|name| name == "list") {
         print_cases(&applies);
         return Ok(ExitCode::SUCCESS);
     }
-    let plan = IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, attitude_protocol: source };
+    let plan =
+        IntegrityPlan { flights_per_case: flights, seed, heading, aircraft, attitude_protocol: source, attitude };
     let (families, names): (Vec<_>, Vec<_>) =
         options.cases.iter().cloned().partition(|name| fault_case::find_family(name).is_some());
     for family in families.iter().filter_map(|name| fault_case::find_family(name)).filter(|family| applies(family)) {

@@ -244,8 +244,11 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
     if HAS_OWN_ATTITUDE && counts.inertial_readings > 0 {
         writeln!(
             out,
-            "gyro: {} readings, {} errors, {} register upsets repaired",
-            counts.inertial_readings, counts.inertial_errors, counts.inertial_register_upsets
+            "gyro: {} readings, {} errors, {} register upsets repaired, {} rates unlike the autopilot's",
+            counts.inertial_readings,
+            counts.inertial_errors,
+            counts.inertial_register_upsets,
+            counts.inertial_rate_contradictions
         )?;
     }
     writeln!(

@@ -81,6 +81,9 @@ pub(super) fn fly_drawn_case(
     seed: u64,
     plan: &IntegrityPlan,
 ) -> CaseFlightResult {
+    if drawn_case.world.attitude == AttitudeSource::Autopilot {
+        drawn_case.world.attitude = plan.attitude;
+    }
     let faults = std::mem::take(&mut drawn_case.faults);
     let field_faults = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn_case.world, faults, [drawn_case.far_end, FarEnd::Unconnected]);

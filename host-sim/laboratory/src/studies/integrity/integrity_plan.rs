@@ -1,5 +1,6 @@
-//! Extent of a run, and its attitude source.
+//! Extent of a run, and its sources of attitude.
 
+use autoswing::attitude::AttitudeSource;
 use autoswing_module::settings::HeadingKind;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::cable_far_end::FarEnd;
@@ -16,11 +17,13 @@ pub struct IntegrityPlan {
     pub heading: HeadingKind,
     /// Vehicle kind.
     pub aircraft: VehicleKind,
-    /// Attitude source.
+    /// Protocol of the autopilot.
     pub attitude_protocol: AttitudeProtocol,
+    /// Attitude of the module in cases that do not choose it.
+    pub attitude: AttitudeSource,
 }
 
-/// Protocol of the attitude source.
+/// Protocol of the autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AttitudeProtocol {
     /// MAVLink autopilot with body rates.

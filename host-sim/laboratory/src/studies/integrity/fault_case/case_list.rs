@@ -2,7 +2,6 @@
 
 use std::f64::consts::TAU;
 
-use autoswing::attitude::AttitudeSource;
 use simulator::faults::attitude::{attitude_spikes, rate_offset_ramp};
 use simulator::faults::inertial::{
     InertialUpset, SilentChip, clipped_rates, inertial_vibration, stuck_gyro_axes, wrong_axes,
@@ -120,43 +119,40 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.scale_gyro(10.0);
         flight.change_hard_iron(5.0);
     }),
-    mavlink_case("imu-clean", "nothing, with the module's own body rates", |flight| {
-        flight.world.attitude = AttitudeSource::Automatic;
-    }),
-    mavlink_case("imu-stuck-x", "the x axis of the module's own gyro repeats", |flight| {
+    define_case("imu-stuck-x", "the x axis of the module's own gyro repeats", |flight| {
         let fault = stuck_gyro_axes(flight.case_switch(), [true, false, false], false);
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-stuck-y", "the y axis of the module's own gyro repeats", |flight| {
+    define_case("imu-stuck-y", "the y axis of the module's own gyro repeats", |flight| {
         let fault = stuck_gyro_axes(flight.case_switch(), [false, true, false], false);
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-stuck-z", "the z axis of the module's own gyro repeats", |flight| {
+    define_case("imu-stuck-z", "the z axis of the module's own gyro repeats", |flight| {
         let fault = stuck_gyro_axes(flight.case_switch(), [false, false, true], false);
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-frozen", "the module's own gyro and accelerometer repeat", |flight| {
+    define_case("imu-frozen", "the module's own gyro and accelerometer repeat", |flight| {
         let fault = stuck_gyro_axes(flight.case_switch(), [true; 3], true);
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-clipped", "the module's own gyro is clipped at 8 deg/s", |flight| {
+    define_case("imu-clipped", "the module's own gyro is clipped at 8 deg/s", |flight| {
         let fault = clipped_rates(flight.case_switch(), 8_f64.to_radians());
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-upset", "a bit of the range of the module's own gyro flips", |flight| {
+    define_case("imu-upset", "a bit of the range of the module's own gyro flips", |flight| {
         let fault = InertialUpset { fault_switch: flight.case_switch(), register_bit: (0x11, 3), has_occurred: false };
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-vibration", "vibration of the module of 5 deg/s and 1 g, aliased", |flight| {
+    define_case("imu-vibration", "vibration of the module of 5 deg/s and 1 g, aliased", |flight| {
         let alias_hz = flight.random_stream.uniform(0.01, 20.0);
         let fault = inertial_vibration(flight.case_switch(), 5_f64.to_radians(), 9.8, alias_hz);
         flight.add_inertial_fault(FaultOnset::Always, fault);
     }),
-    mavlink_case("imu-silent", "the module's own gyro does not answer", |flight| {
+    define_case("imu-silent", "the module's own gyro does not answer", |flight| {
         let fault = SilentChip(flight.case_switch());
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
-    mavlink_case("imu-axes-wrong", "the module's own gyro is turned by 90 deg about the vertical", |flight| {
+    define_case("imu-axes-wrong", "the module's own gyro is turned by 90 deg about the vertical", |flight| {
         let fault = wrong_axes(flight.case_switch());
         flight.add_inertial_fault(FaultOnset::Always, fault);
     }),
