@@ -39,19 +39,11 @@ pub fn output_width() -> usize {
 /// Prints text, or drops it once the output has failed, so that clean-up still takes place. Styles are removed where the
 /// output has none: in files and pipes, with NO_COLOR, and with `--color never`.
 pub fn print_text(text: &str) {
-    write_unless_failed(anstream::stdout().lock(), text.as_bytes());
-}
-
-/// Prints bytes unchanged, or drops them once the output has failed.
-pub fn print_bytes(bytes: &[u8]) {
-    write_unless_failed(io::stdout().lock(), bytes);
-}
-
-fn write_unless_failed(mut stdout: impl io::Write, bytes: &[u8]) {
     if has_output_failed() {
         return;
     }
-    if let Err(error) = stdout.write_all(bytes).and_then(|()| stdout.flush()) {
+    let mut stdout = anstream::stdout().lock();
+    if let Err(error) = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
         let _ = FIRST_WRITE_ERROR.set(error);
     }
 }
@@ -76,7 +68,7 @@ pub fn print_line(text: impl std::fmt::Display) {
 }
 
 /// Whether a write to the standard output has failed.
-pub fn has_output_failed() -> bool {
+fn has_output_failed() -> bool {
     FIRST_WRITE_ERROR.get().is_some()
 }
 

@@ -101,7 +101,7 @@ pub fn full_text(verdict: &Verdict<'_>) -> String {
         let _ = writeln!(text, "\n{table}");
     }
     for note in &verdict.log_warnings {
-        append_wrapped(&mut text, "note: ", &note.to_string());
+        append_wrapped(&mut text, "note: ", note);
     }
     text.push('\n');
     text

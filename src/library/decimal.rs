@@ -143,26 +143,6 @@ mod tests {
         }
     }
 
-    /// Up to six digits and six decimals.
-    #[test]
-    fn plain_decimal_numbers_are_parsed() {
-        for (text, value) in [
-            ("0", 0.0),
-            ("12", 12.0),
-            ("-3.75", -3.75),
-            ("+0.5", 0.5),
-            (".5", 0.5),
-            ("-.25", -0.25),
-            ("180.", 180.0),
-            ("1.09", 1.09),
-            ("999999", 999_999.0),
-            ("0.000001", 1e-6),
-            ("000000.500000", 0.5),
-        ] {
-            assert_eq!(parse_decimal(text), Some(value), "{text}");
-        }
-    }
-
     /// `/` and `:` are the ASCII neighbours of `0` and `9`.
     #[test]
     fn other_text_is_no_number() {

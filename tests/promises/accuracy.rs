@@ -35,9 +35,9 @@ fn maximum_likelihood_reaches_the_cramer_rao_bound() {
 #[test]
 fn every_solve_converges_and_none_is_accepted_wrongly() {
     let result = maximum_likelihood_result();
-    assert!((result.converged_percent, result.wrong_calibrations) == (100.0, 0), "{result:?}");
+    assert!((result.solves.converged_percent, result.solves.wrong_calibrations) == (100.0, 0), "{result:?}");
     // All flights provide enough information.
-    assert!(result.accepted_percent >= 99.0, "{result:?}");
+    assert!(result.solves.accepted_percent >= 99.0, "{result:?}");
 }
 
 /// Tolerance of three percentage points, including a standard error of one point with 2,560 headings.
@@ -55,7 +55,7 @@ fn errors_are_within_sigma_as_often_as_predicted() {
 /// Closed-form methods assume constant attitude in the turns; their order follows from their assumptions.
 #[test]
 fn closed_forms_are_less_accurate_than_maximum_likelihood() {
-    let [ml, two_plane, four_ellipse] = [0, 1, 2].map(|i| study_result().methods[i].rms_median_deg);
+    let [ml, two_plane, four_ellipse] = [0, 1, 2].map(|i| study_result().methods[i].solves.rms_median_deg);
     assert!(ml < two_plane && two_plane < four_ellipse, "{ml} {two_plane} {four_ellipse}");
 }
 
@@ -77,10 +77,12 @@ fn a_copter_is_calibrated_by_its_routine_either_way_round() {
         let plan = plan(share_of_flights(20), 5);
         let row = run_flight_study(copter_flight(pattern), plan, &|| {});
         assert!(
-            row.converged_percent >= 100.0 && row.accepted_percent >= 95.0 && row.wrong_calibrations == 0,
+            row.solves.converged_percent >= 100.0
+                && row.solves.accepted_percent >= 95.0
+                && row.solves.wrong_calibrations == 0,
             "{row:?}"
         );
-        assert!(row.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
+        assert!(row.solves.rms_median_deg <= 0.8 && row.rms_worst_decile_deg <= 1.6, "{row:?}");
         // RMS error over the bound: the solver weights attitudes equally, although accelerations degrade some.
         assert!((0.9..=1.25).contains(&row.solver_loss_median), "{row:?}");
         // RMS error over the bound of the optimal selection of equal size.
@@ -96,7 +98,7 @@ fn a_wandering_flight_reaches_nearly_the_best_possible_accuracy() {
     for (kind, max_choice_ratio) in [(VehicleKind::Copter, 1.08), (VehicleKind::Plane, 1.09)] {
         let flight = StudyFlight { kind, ..copter_flight(FlightPattern::Wandering) };
         let row = run_flight_study(flight, plan(share_of_flights(20), 5), &|| {});
-        assert!(row.accepted_percent >= 95.0, "{row:?}");
+        assert!(row.solves.accepted_percent >= 95.0, "{row:?}");
         assert!(row.selection_loss_median <= max_choice_ratio, "{row:?}");
         assert!(row.error_to_best_bound_median <= 1.1 + 0.08, "{row:?}");
     }

@@ -9,8 +9,8 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use laboratory::serve::{
-    AUTOPILOT_PORT, AttitudeProvider, CONSOLE_PORT, DatagramCounts, FlashImage, INSTRUMENT_PORT, PilotPattern,
-    ServeOptions, ServedModule,
+    AUTOPILOT_PORT, AttitudeProvider, CONSOLE_PORT, FlashImage, INSTRUMENT_PORT, PilotPattern, ServeOptions,
+    ServedModule,
 };
 use log_analysis::score::wrap_180;
 use mavlink_dialect::{ATTITUDE_DATA, MAVLinkV2MessageRaw, MavHeader};
@@ -198,7 +198,6 @@ fn malformed_attitudes_are_counted_and_ignored() {
         assert_eq!(code, if datagram_index == 2 { "datagram-out-of-range" } else { "bad-datagram" });
     }
     served_module.advance_time(SECOND_US);
-    assert_eq!(served_module.datagram_counts(), Some(DatagramCounts { accepted_datagrams: 1, rejected_datagrams: 5 }));
     let after = served_module.execute_pilot_line("status").unwrap();
     let followed_attitude =
         |status: &str| status.split_once("follows: ").unwrap().1.split_once(';').unwrap().0.to_owned();

@@ -410,18 +410,6 @@ mod tests {
         }
     }
 
-    /// Typed words are compared in lower case.
-    #[test]
-    fn command_words_are_lower_case_ascii() {
-        let is_plain = |word: &str| word.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
-        for row in all_commands() {
-            assert!(row.words().iter().all(|word| is_plain(word)), "{:?}", row.words());
-            for argument in row.arguments() {
-                assert!((0..).map_while(|number| argument.nth_word(number)).all(is_plain), "{}", argument.name());
-            }
-        }
-    }
-
     #[test]
     fn every_choice_name_parses_to_its_value() {
         for number in 0..30 {

@@ -50,18 +50,4 @@ mod tests {
         assert_eq!(messages_per_second(12_500, 80), 80);
         assert_eq!(messages_per_second(100_000, 80), 10);
     }
-
-    /// A single message follows a pause of seconds.
-    #[test]
-    fn messages_missed_in_a_pause_are_not_sent_later() {
-        let mut schedule = MessageSchedule::new();
-        assert!(schedule.is_due(Timestamp::from_us(1_000_000), 10));
-        assert!(schedule.is_due(Timestamp::from_us(5_000_000), 10));
-        assert!(!schedule.is_due(Timestamp::from_us(5_099_999), 10));
-        assert!(schedule.is_due(Timestamp::from_us(5_100_000), 10));
-        // This message is 40 ms late; the next one is due on the old grid.
-        assert!(schedule.is_due(Timestamp::from_us(5_240_000), 10));
-        assert!(!schedule.is_due(Timestamp::from_us(5_299_999), 10));
-        assert!(schedule.is_due(Timestamp::from_us(5_300_000), 10));
-    }
 }

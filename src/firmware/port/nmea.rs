@@ -125,14 +125,6 @@ mod tests {
         assert_eq!(texts.next().unwrap().lines().count(), 4);
     }
 
-    /// Longest heading, variation, sigma and kind.
-    #[test]
-    fn the_longest_message_fits() {
-        let unsure = Heading { sigma_rad: f32::INFINITY, ..SMOOTH_HEADING };
-        let estimate = Estimate { smoothed_heading: Some(unsure), ..Estimate::EMPTY };
-        assert_eq!(sentences_text(&estimate, &with_declination(-180.0)).matches("\r\n").count(), 4);
-    }
-
     /// All sentences contain the same heading.
     #[test]
     fn the_smoothed_heading_is_sent_if_available_and_selected() {

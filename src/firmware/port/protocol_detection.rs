@@ -133,10 +133,10 @@ impl Port {
 mod tests {
     use super::*;
     use crate::port::snapshot::tests::test_snapshot;
-    use autoswing::attitude::SenderId;
+
     use autoswing::instrument::Estimate;
     use autoswing_module::settings::Settings;
-    use testkit::frames::{mavlink_attitude, mavlink_heartbeat, msp_frame};
+    use testkit::frames::{mavlink_heartbeat, msp_frame};
 
     fn heartbeat_frame() -> Vec<u8> {
         mavlink_heartbeat([1, 1], true, false)
@@ -216,17 +216,5 @@ mod tests {
             port.set_protocol(ProtocolKind::Auto);
             assert_eq!(port.active_protocol(timestamp_ms(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
         }
-    }
-
-    #[test]
-    fn sentences_and_attitude_share_a_line() {
-        let mut port = Port::new(ProtocolKind::Nmea, ProtocolKind::Auto, timestamp_ms(0));
-        assert!(polled_output(&mut port, 0).starts_with(b"$HCHDM"));
-        let frame = mavlink_attitude([1, 1], 0, [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let message = frame.iter().find_map(|&byte| port.process_byte(timestamp_ms(1), byte));
-        assert!(
-            matches!(message, Some(ReceivedMessage::Attitude(report)) if report.sender != SenderId::default()),
-            "{message:?}"
-        );
     }
 }

@@ -156,7 +156,6 @@ impl HeadingIntegral {
 
 #[cfg(test)]
 mod tests {
-    use core::f32::consts::PI;
 
     use super::super::testing;
     use super::*;
@@ -202,22 +201,6 @@ mod tests {
         assert_eq!(half.run_number, ended.extrapolate_integral(0.0).unwrap().run_number);
     }
 
-    /// An hour at 300 deg/s: rounding errors stay below 1 deg, a gyro's drift of a minute.
-    #[test]
-    fn the_integral_stays_within_a_circle() {
-        let turning = report(0.0, 0.0, [0.0, 0.0, 300.0]);
-        let mut integral = HeadingIntegral::EMPTY.integrate_to_report(&turning, None);
-        for _ in 0..50 * 3600 {
-            integral = integral.integrate_to_report(&turning, Some(0.02));
-            assert!(integral.relative_heading_rad.abs() <= PI);
-        }
-        assert!(
-            integral.relative_heading_rad.abs().to_degrees() < 1.0,
-            "{}",
-            integral.relative_heading_rad.to_degrees()
-        );
-    }
-
     /// A turn of 0.5 rad/s, 0.2 s before: 0.1 rad less, across south.
     #[test]
     fn a_gyro_heading_is_turned_back_to_an_earlier_time() {
@@ -226,21 +209,5 @@ mod tests {
         let before = now.extrapolated_back(0.2);
         assert!((before.relative_heading_rad - (core::f32::consts::TAU - 3.2)).abs() < 1e-5, "{before:?}");
         assert_eq!((before.euler_rates, before.run_number), (euler_rates, 7));
-    }
-
-    #[test]
-    fn missing_rates_start_a_new_run() {
-        let turning = report(0.0, 0.0, [0.0, 0.0, 30.0]);
-        let first = HeadingIntegral::EMPTY.integrate_to_report(&turning, None);
-        let second = first.integrate_to_report(&turning, Some(0.02));
-        assert_eq!(second.run_number, first.run_number);
-        let later = second.integrate_to_report(&turning, None);
-        assert_ne!(later.run_number, second.run_number);
-        assert_eq!(second.interpolate(&later, 5.0, 0.5), None);
-        let silent = second.integrate_to_report(&report(0.0, 0.0, [0.0; 3]), Some(0.02));
-        assert_eq!(silent.extrapolate_integral(0.0), None);
-        assert_eq!(second.interpolate(&silent, 0.02, 0.5), None);
-        let again = silent.integrate_to_report(&turning, Some(0.02));
-        assert_ne!(again.extrapolate_integral(0.0).unwrap().run_number, second.run_number);
     }
 }

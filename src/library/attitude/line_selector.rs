@@ -50,17 +50,6 @@ mod tests {
     }
 
     #[test]
-    fn the_selected_line_is_kept_while_it_sends() {
-        let mut lines = LineSelector::new();
-        assert!(lines.accept_line_report(timestamp_ms(0), 1, true));
-        for ms in (10..5_000).step_by(10) {
-            assert!(!lines.accept_line_report(timestamp_ms(ms), 0, true), "{ms}");
-            assert!(!lines.accept_line_report(timestamp_ms(ms), 0, false), "{ms}");
-            assert!(lines.accept_line_report(timestamp_ms(ms), 1, true), "{ms}");
-        }
-    }
-
-    #[test]
     fn a_line_with_rates_replaces_one_without() {
         let mut lines = LineSelector::new();
         assert!(lines.accept_line_report(timestamp_ms(0), 0, false));

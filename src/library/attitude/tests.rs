@@ -99,17 +99,6 @@ fn both_angles_are_interpolated() {
     }
 }
 
-/// A recording may hold attitude and field at the same instants only.
-#[test]
-fn a_lookup_at_the_time_of_a_report_needs_no_second_report() {
-    let mut track = history_of_one_report(RollPitch::from_deg(12.0, -3.0), [0.0; 3]);
-    assert!(matches!(track.attitude_at(timestamp(1_000_000)), AttitudeLookup::Interpolated(_)));
-    push_report(&mut track, 3_000_000, roll_report(0, 50.0, 0.0));
-    let [roll, pitch] = angles_deg(track.attitude_at(timestamp(1_000_000)));
-    assert!((roll - 12.0).abs() < 1e-4 && (pitch + 3.0).abs() < 1e-4, "{roll} {pitch}");
-    assert_eq!(track.attitude_at(timestamp(1_000_001)), AttitudeLookup::Missing);
-}
-
 /// The rates of the angles are tested in `euler_rates`.
 #[test]
 fn extrapolation_uses_body_rates_with_their_signs() {
@@ -131,36 +120,6 @@ fn extrapolation_uses_body_rates_with_their_signs() {
     }
 }
 
-/// The limit of interpolation is 250 ms.
-#[test]
-fn a_long_gap_is_not_interpolated() {
-    for (gap_us, is_interpolated) in [(250_000, true), (250_001, false)] {
-        let mut track = history_of_one_report(RollPitch::from_deg(10.0, 0.0), [0.0; 3]);
-        push_report(&mut track, 1_000_000 + gap_us, roll_report(0, 20.0, 0.0));
-        match track.attitude_at(timestamp(1_100_000)) {
-            AttitudeLookup::Interpolated(_) => assert!(is_interpolated, "{gap_us} us"),
-            lookup => assert!(!is_interpolated && lookup == AttitudeLookup::Missing, "{gap_us} us: {lookup:?}"),
-        }
-    }
-}
-
-#[test]
-fn the_oldest_report_is_dropped() {
-    let track = history_of_reports((0..9_u8).map(|i| roll_report(0, f32::from(i), 0.0)));
-    assert_eq!(track.attitude_at(timestamp(1_010_000)), AttitudeLookup::Missing);
-    assert!((roll_deg(track.attitude_at(timestamp(1_030_000))) - 1.5).abs() < 1e-3);
-}
-
-#[test]
-fn a_report_that_is_not_newer_changes_nothing() {
-    let mut track = history_of_one_report(RollPitch::from_deg(10.0, 0.0), [0.0; 3]);
-    for true_us in [1_000_000, 990_000, 0] {
-        push_report(&mut track, true_us, roll_report(0, 50.0, 0.0));
-    }
-    assert!((roll_deg(track.attitude_at(timestamp(1_000_000))) - 10.0).abs() < 1e-3);
-    assert_eq!(track.attitude_at(timestamp(999_999)), AttitudeLookup::Missing);
-}
-
 #[test]
 fn jitter_of_arrival_times_is_removed() {
     let mut track = AttitudeHistory::new(CONFIG);
@@ -174,22 +133,6 @@ fn jitter_of_arrival_times_is_removed() {
     assert!((roll_deg(track.attitude_at(lookup_time)) - 197.0 * 0.2).abs() < 0.003);
 }
 
-/// 400 ppm are 8 us per report. A constant clock offset would be 16 ms wrong after 2000 reports.
-#[test]
-fn a_drifting_clock_is_followed() {
-    for (ppm, name) in [(400_i64, "slow"), (-400, "fast")] {
-        let mut track = AttitudeHistory::new(CONFIG);
-        let mut sent_us = 0;
-        for i in 0..2000_i64 {
-            sent_us = 1_000_000 + i * 20_000 + i * 20_000 * ppm / 1_000_000;
-            track.push_report(timestamp(sent_us as u64), roll_report(i as u32 * 20, i as f32 * 0.01, 0.0));
-        }
-        // The roll grows by 0.01 deg per 20 ms: a clock error of 1 ms is 0.0005 deg.
-        let found = roll_deg(track.attitude_at(timestamp(sent_us as u64 - 10_000 - LATENCY_US)));
-        assert!((found - 19.985).abs() < 0.0006, "{name}: {found}");
-    }
-}
-
 /// A sender clock that deviates by more than 100 ms is ignored.
 #[test]
 fn a_distant_sender_clock_is_ignored() {
@@ -201,16 +144,6 @@ fn a_distant_sender_clock_is_ignored() {
         let lookup = track.attitude_at(timestamp(1_020_011 - LATENCY_US));
         assert_eq!(matches!(lookup, AttitudeLookup::Extrapolated(_)), by_clock, "{delay_us} us: {lookup:?}");
     }
-}
-
-#[test]
-fn a_sender_without_clock_is_stamped_by_arrival() {
-    let mut track = AttitudeHistory::new(CONFIG);
-    for (i, sender_ms) in [0; 5].into_iter().enumerate() {
-        track.push_report(timestamp(2_000_000 + i as u64 * PERIOD_US), roll_report(sender_ms, i as f32, 0.0));
-    }
-    let newest = timestamp(2_080_000 - LATENCY_US);
-    assert!((roll_deg(track.attitude_at(newest)) - 4.0).abs() < 1e-3);
 }
 
 /// After a restart the source's filter aligns for 15 s. A report out of order is no restart. Without a clock, as of
@@ -239,18 +172,6 @@ fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
             assert_eq!(is_accepted, !is_restart || i >= 750, "{silence_us} us, {clock_step_ms:?} ms: {i}");
         }
     }
-}
-
-#[test]
-fn a_sender_s_clock_may_wrap() {
-    let mut track = AttitudeHistory::new(CONFIG);
-    for i in 0..=30_u32 {
-        let jitter_us = if i == 30 { 15_000 } else { 0 };
-        let sent_us = 1_000_000 + u64::from(i) * PERIOD_US + jitter_us;
-        track.push_report(timestamp(sent_us), roll_report((i * 20).wrapping_sub(400), i as f32, 0.0));
-    }
-    // Stamped by arrival, the last report would be 15 ms late, and the lookup would return the previous one.
-    assert!((roll_deg(track.attitude_at(timestamp(1_000_000 + 30 * PERIOD_US - LATENCY_US))) - 30.0).abs() < 0.01);
 }
 
 /// Extreme rates, angles and times, including NaN.
@@ -331,72 +252,6 @@ fn the_fourth_distant_report_is_accepted() {
     }
 }
 
-#[test]
-fn roll_at_a_vertical_nose_is_no_spike() {
-    for (from_deg, to_deg, spikes) in [([0.0, 89.0], [180.0, 89.0], 0), ([0.0, 0.0], [0.0, 8.0], 1)] {
-        let track = history_of_reports([from_deg, to_deg].map(|[roll_deg, pitch_deg]| {
-            attitude_report(0, RollPitch::from_deg(roll_deg, pitch_deg), [MINIMAL_RATE_DEG_S; 3])
-        }));
-        assert_eq!(track.rejected_reports().spike_reports, spikes, "{to_deg:?}");
-    }
-}
-
-#[test]
-fn the_body_rate_is_that_of_the_newest_report() {
-    assert_eq!(AttitudeHistory::new(CONFIG).newest_body_rates(), None);
-    let track = history_of_one_report(RollPitch::default(), [30.0, -40.0, 0.0]);
-    assert!((track.newest_body_rates().unwrap().magnitude_rad_s() - 50_f32.to_radians()).abs() < 1e-5);
-    // All-zero rates mean that the source sends none; gyros measure up to 2000 deg/s.
-    for (rates_deg_s, is_measured) in [
-        ([0.0; 3], false),
-        ([0.1, 0.0, 2000.0], true),
-        ([0.1, 0.0, -2000.0], true),
-        ([0.1, 0.0, 2200.0], false),
-        ([0.1, 0.0, -2200.0], false),
-        ([0.1, 0.0, f32::MAX], false),
-    ] {
-        let track = history_of_one_report(RollPitch::default(), rates_deg_s);
-        assert_eq!(track.newest_body_rates().is_some(), is_measured, "{rates_deg_s:?}");
-    }
-}
-
-#[test]
-fn the_fifth_equal_attitude_of_a_fine_source_is_frozen() {
-    let rolls_deg = [10.0, 10.02, 10.05, 10.05, 10.05, 10.05];
-    let (track, true_us) = history_of_rolls(&rolls_deg);
-    assert_ne!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen, "four are equal");
-    let (mut track, true_us) = history_of_rolls(&[&rolls_deg[..], &[10.05]].concat());
-    assert_eq!(track.attitude_at(timestamp(true_us + 1)), AttitudeLookup::Frozen);
-    assert_eq!(track.rejected_reports(), RejectedReports { frozen_reports: 1, ..RejectedReports::NO_REJECTIONS });
-    // `Frozen` holds for the extrapolation limit after the last report.
-    assert_eq!(track.attitude_at(timestamp(true_us + 200_000)), AttitudeLookup::Frozen);
-    assert_eq!(track.attitude_at(timestamp(true_us + 200_001)), AttitudeLookup::Stale);
-    // Earlier attitudes remain valid.
-    assert!(matches!(track.attitude_at(timestamp(true_us - 50_000)), AttitudeLookup::Interpolated(_)));
-    // A new value ends the freeze.
-    push_report(&mut track, true_us + PERIOD_US, roll_report(0, 10.07, 0.0));
-    assert!(matches!(track.attitude_at(timestamp(true_us + PERIOD_US + 1)), AttitudeLookup::Extrapolated(_)));
-}
-
-/// The second sender's clock is 50 ms behind, which the first one's clock offset would treat as a delayed report.
-#[test]
-fn a_new_sender_resets_the_history() {
-    let mut track = history_of_reports((0..4).map(|i| roll_report(500 + i * 20, 10.0, 0.0)));
-    let other = AttitudeReport { sender: SenderId::new(7), ..roll_report(500 + 4 * 20 - 50, 30.0, 0.0) };
-    push_report(&mut track, 1_080_000, other);
-    assert!(matches!(track.attitude_at(timestamp(1_080_000)), AttitudeLookup::Interpolated(_)));
-    assert!((roll_deg(track.attitude_at(timestamp(1_080_000))) - 30.0).abs() < 1e-3);
-    for before in [1_079_999, 1_060_000, 1_030_000] {
-        assert_eq!(track.attitude_at(timestamp(before)), AttitudeLookup::Missing, "{before}");
-    }
-    let sender_clock_at_sending = WrappingMillis::new(500 + 5 * 20 - 50);
-    push_report(&mut track, 1_100_000, AttitudeReport { sender_clock_at_sending, ..other });
-    assert!(matches!(track.attitude_at(timestamp(1_090_000)), AttitudeLookup::Interpolated(_)));
-    // A change back to the first sender resets the history again, even for an older report.
-    push_report(&mut track, 1_090_000, roll_report(0, 10.0, 0.0));
-    assert!((roll_deg(track.attitude_at(timestamp(1_090_000))) - 10.0).abs() < 1e-3);
-}
-
 /// Plausibility state is reset, counters are not.
 #[test]
 fn plausibility_state_is_per_sender() {
@@ -409,41 +264,6 @@ fn plausibility_state_is_per_sender() {
     assert_eq!(track.rejected_reports(), rejections);
 }
 
-/// The field is older than the attitude, for example filtered.
-#[test]
-fn a_negative_latency_selects_earlier_reports() {
-    for (latency_us, expected_deg) in [(-30_000, 0.5), (30_000, 1.1)] {
-        let mut track = AttitudeHistory::new(AttitudeConfig { latency_us, ..CONFIG });
-        for i in 0..8_u32 {
-            let at = timestamp(1_000_000 + u64::from(i) * PERIOD_US);
-            track.push_report(at, roll_report(500 + i * 20, 0.2 * i as f32, 10.0));
-        }
-        assert!((roll_deg(track.attitude_at(timestamp(1_080_000))) - expected_deg).abs() < 1e-3, "{latency_us}");
-    }
-}
-
-/// Yaw rate increasing by 10 deg/s per report: linear in between, constant after the newest.
-#[test]
-fn the_gyro_heading_covers_the_range_of_the_attitude() {
-    let track = history_of_reports(
-        [10.0, 20.0, 30.0].map(|r_deg_s| attitude_report(0, RollPitch::default(), [0.0, 0.0, r_deg_s])),
-    );
-    let turning = |us: u64| track.gyro_heading_at(timestamp(us)).unwrap();
-    let from = turning(1_000_000);
-    for (us, turned_deg, rate_deg_s) in
-        [(1_010_000, 0.125, 15.0), (1_020_000, 0.3, 20.0), (1_040_000, 0.8, 30.0), (1_140_000, 3.8, 30.0)]
-    {
-        let found = turning(us);
-        let found_deg = (found.relative_heading_rad - from.relative_heading_rad).to_degrees();
-        assert!((found_deg - turned_deg).abs() < 1e-3, "{us}: {found:?}");
-        assert!((found.euler_rates.heading_rad_s.to_degrees() - rate_deg_s).abs() < 1e-3, "{us}: {found:?}");
-        assert_eq!(found.run_number, from.run_number);
-    }
-    assert_eq!(track.gyro_heading_at(timestamp(1_240_001)), None);
-    assert_eq!(track.gyro_heading_at(timestamp(999_999)), None);
-    assert_eq!(history_of_one_report(RollPitch::default(), [0.0; 3]).gyro_heading_at(timestamp(1_000_000)), None);
-}
-
 #[test]
 fn integration_continues_over_a_short_gap() {
     for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
@@ -453,15 +273,6 @@ fn integration_continues_over_a_short_gap() {
         push_report(&mut track, 1_000_000 + gap_us, attitude_report(0, RollPitch::default(), [0.0, 0.0, 10.0]));
         assert_eq!(run_number(&track, 1_000_000 + gap_us) == first_run, is_continued, "{gap_us} us");
     }
-}
-
-#[test]
-fn a_frozen_source_has_no_gyro_heading() {
-    // The roll changes by fine steps, then stays constant.
-    let report = |i: u8| attitude_report(0, RollPitch::from_deg(0.01 * f32::from(i.min(8)), 0.0), [0.0, 0.0, 10.0]);
-    let track = history_of_reports((0..20).map(report));
-    let now = timestamp(true_us(19));
-    assert_eq!((track.attitude_at(now), track.gyro_heading_at(now)), (AttitudeLookup::Frozen, None));
 }
 
 #[test]
@@ -574,18 +385,5 @@ fn the_own_attitude_is_used_alone_only_without_an_autopilot() {
         let lookup = track.attitude_at(timestamp(at_us), 0);
         assert_eq!(lookup != AttitudeLookup::Stale, is_used, "{at_us} {autopilot_reports}: {lookup:?}");
         assert_eq!(track.own_tilt_covariance().is_some(), is_used);
-    }
-}
-
-/// A gap and a restart of the filter begin a new run, because the heading in its frame starts anew.
-#[test]
-fn the_turn_is_not_integrated_over_a_restart_of_the_filter() {
-    for (gap_us, start_count, is_same_run) in [(20_000, 0, true), (20_000, 1, false), (60_000, 0, false)] {
-        let (mut track, newest_at) = track_of_both(AttitudeSource::Own, None);
-        let run_number = track.gyro_heading_at(newest_at, 0).unwrap().run_number;
-        let next_at = newest_at.plus_us(gap_us);
-        track.push_inertial_attitude(next_at, &InertialAttitude { start_count, ..own_estimate(20.0, 5.0, 0.0) });
-        let next = track.gyro_heading_at(next_at, 0).unwrap();
-        assert_eq!(next.run_number == run_number, is_same_run, "{gap_us} {start_count}");
     }
 }

@@ -214,14 +214,6 @@ fn a_moving_vehicle_is_not_at_rest() {
     }
 }
 
-/// Rates are those of the body without the sensor's offset.
-#[test]
-fn rates_have_no_offset() {
-    let mut run = Run::new(at_rest, 5);
-    run.run_for_s(5);
-    assert!(run.filter.attitude().unwrap().rates_rad_s.norm() < 0.3 * DEG);
-}
-
 /// A sample that is not finite changes nothing; a gap, and free fall at the start, leave no attitude.
 #[test]
 fn unusable_samples_leave_no_wrong_attitude() {

@@ -130,19 +130,6 @@ mod tests {
         assert_eq!(samples[1].time, WrappingMillis::new(143));
     }
 
-    #[test]
-    fn a_roll_through_180_deg_averages_to_180() {
-        let mut averager = averager();
-        let sample = (0..8_u16)
-            .find_map(|i| {
-                let roll_deg = if i % 2 == 0 { 178.0 } else { -178.0 };
-                let at = Timestamp::from_us(u64::from(i) * PERIOD_US);
-                averager.push_reading(at, Field::from_ut(1.0, 0.0, 0.0), RollPitch::from_deg(roll_deg, 0.0), None)
-            })
-            .unwrap();
-        assert!((sample.attitude.roll_rad.to_degrees().abs() - 180.0).abs() < 1e-3, "{sample:?}");
-    }
-
     fn averaged_samples(instants_us: impl IntoIterator<Item = u64>) -> Vec<Sample> {
         let mut averager = averager();
         let field = Field::from_ut(1.0, 0.0, 0.0);

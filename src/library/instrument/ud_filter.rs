@@ -237,20 +237,6 @@ mod tests {
         assert!((0..N).all(|i| state.state_variance(i) > 0.0));
     }
 
-    #[test]
-    fn means_are_set_and_non_finite_states_detected() {
-        let mut state = UdFilter::<N>::new(&[1.0; N]);
-        state.set_mean(2, 3.0);
-        assert_eq!(state.mean().map(f32::to_bits), [0.0, 0.0, 3.0, 0.0, 0.0].map(f32::to_bits));
-        state.set_mean(N, 9.0);
-        assert!(state.is_finite() && state.state_variance(N) == 0.0);
-        state.set_mean(0, f32::NAN);
-        assert!(!state.is_finite());
-        let mut state = UdFilter::<N>::new(&[1.0; N]);
-        state.inflate_variance(1, f32::INFINITY);
-        assert!(!state.is_finite());
-    }
-
     /// `P = [[4 + 0.25 * 4, 0.5], [0.5, 0.25]]` of the last two of three states: `5 + 2 * 3 * 0.5 + 9 * 0.25`.
     #[test]
     fn the_last_states_keep_their_covariance() {

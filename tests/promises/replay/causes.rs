@@ -50,10 +50,9 @@ fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Report
     flight.true_attitude = flight.attitude.clone();
     let evaluation = evaluate_flight(&flight, &DEFAULT_OPTIONS);
     let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
-    let notes: Vec<String> = verdict.log_warnings.iter().map(ToString::to_string).collect();
     ReportedFindings {
         recommended_action: verdict.compasses[0].judgement.recommended_action,
-        text: format!("{} {}", verdict.summary_sentences().concat(), notes.join("; ")),
+        text: format!("{} {}", verdict.summary_sentences().concat(), verdict.log_warnings.join("; ")),
         hard_iron_change_count: evaluation.compasses[0].hard_iron_changes.len(),
         rows: evaluation.compasses[0].rows.clone(),
         exported: verdict.exported_corrections().first().map(|exported| (*exported).clone()),

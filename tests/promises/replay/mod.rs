@@ -14,7 +14,7 @@ mod rows;
 use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::{self, LoggedFlight};
 use log_analysis::replay::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
-use log_analysis::replay::log_warning::LogWarning;
+use log_analysis::replay::log_warning::warnings_of_flight;
 use log_analysis::replay::parameter_export::ParameterFormat;
 use log_analysis::replay::verdict::Verdict;
 use log_analysis::replay::{HeadingScore, ReplayResult, RowSelection};
@@ -63,5 +63,5 @@ fn verdict_sentences(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> St
 }
 
 fn warnings_text(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> String {
-    LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    warnings_of_flight(flight, evaluation).join("; ")
 }

@@ -103,10 +103,10 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
                 method.method.to_owned(),
                 format!("{:.3}", method.ratio_median),
                 format!("{:.3}", method.ratio_worst_decile),
-                format!("{:.3}", method.rms_median_deg),
-                format!("{:.1}", method.converged_percent),
-                format!("{:.1}", method.accepted_percent),
-                format!("{}", method.wrong_calibrations),
+                format!("{:.3}", method.solves.rms_median_deg),
+                format!("{:.1}", method.solves.converged_percent),
+                format!("{:.1}", method.solves.accepted_percent),
+                format!("{}", method.solves.wrong_calibrations),
             ]
             .map(right_aligned),
         );
@@ -173,11 +173,11 @@ fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
                 name(row),
                 format!("{:.0}", row.minutes),
                 format!("{:.0}", row.retained_samples_median),
-                format!("{:.3}", row.rms_median_deg),
+                format!("{:.3}", row.solves.rms_median_deg),
                 format!("{:.3}", row.rms_worst_decile_deg),
-                format!("{:.1}", row.converged_percent),
-                format!("{:.1}", row.accepted_percent),
-                format!("{}", row.wrong_calibrations),
+                format!("{:.1}", row.solves.converged_percent),
+                format!("{:.1}", row.solves.accepted_percent),
+                format!("{}", row.solves.wrong_calibrations),
             ]
             .map(right_aligned),
         );

@@ -109,7 +109,7 @@ pub struct ServedModule {
 
 /// Counters of attitude datagrams from an external simulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct DatagramCounts {
+struct DatagramCounts {
     /// Accepted datagrams.
     pub accepted_datagrams: u64,
     /// Rejected datagrams.
@@ -239,12 +239,6 @@ impl ServedModule {
             self.rig.world.follow_attitude(attitude);
             step_us
         })
-    }
-
-    /// Counters of attitude datagrams; `None` without an external simulator.
-    #[must_use]
-    pub fn datagram_counts(&self) -> Option<DatagramCounts> {
-        self.external_datagram_counts
     }
 
     /// Number of bytes that the port accepts now; 0 for an invalid index.

@@ -11,9 +11,7 @@ use crate::app::task_links::{AttitudeInput, Timestamped, publish_value, subscrib
 use autoswing::attitude::AttitudeReport;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::time::Timestamp;
-use autoswing_module::messages::Message;
-use autoswing_module::settings::SettingValue::Whole;
-use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
+use autoswing_module::settings::{PortNumber, Settings};
 
 const AUTOPILOT: [u8; 2] = [1, 1];
 
@@ -58,24 +56,6 @@ fn received_reports(bench: &TaskBench) -> Vec<(Timestamp, AttitudeReport)> {
 const NORTH: Result<Heading, NoHeading> =
     Ok(Heading { magnetic_rad: 0.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
 
-#[test]
-fn reports_are_passed_on_with_their_arrival_and_counted() {
-    let (mut bench, line, _) = bench_with_port(PortNumber::One);
-    bench.run_for_ms(4);
-    let mut broken = attitude_frame(0.2);
-    broken[15] ^= 1;
-    line.queue_bytes(&[attitude_frame(0.1), broken, attitude_frame(0.3)].concat());
-    bench.run_for_ms(1);
-    let reports = received_reports(&bench);
-    let rolls: Vec<f32> = reports.iter().map(|(_, report)| report.attitude.roll_rad).collect();
-    assert_eq!(rolls, [0.1, 0.3]);
-    assert!(reports.iter().all(|(at, _)| (5_000..=6_000).contains(&at.as_us())), "{reports:?}");
-    // Rejected frames are counted with the next estimate.
-    bench.publish_estimates(NORTH, 10);
-    let counts = bench.links.event_counts();
-    assert_eq!((counts.attitude_reports, counts.attitude_frames_rejected, counts.attitude_line_errors), (2, 1, 0));
-}
-
 /// Attitude on both ports, with rates on the second: the first is selected until the second delivers.
 #[test]
 fn attitude_is_used_from_one_port_at_a_time() {
@@ -108,24 +88,6 @@ fn armed_state_is_published_on_change_and_expires_after_10_s() {
         let last = std::iter::from_fn(|| armed.try_changed()).last();
         assert_eq!((last, links.armed_state.try_get()), (Some(published), Some(published)), "{silence_ms} ms");
     }
-}
-
-#[test]
-fn armed_on_any_port_is_armed() {
-    let mut bench = TaskBench::new();
-    let lines = PortNumber::ALL_PORTS.map(|number| spawn_port(&mut bench, number).0);
-    let links = Rc::clone(&bench.links);
-    let mut armed_after_heartbeat = |line: usize, is_armed| {
-        lines[line].queue_bytes(&heartbeat_and_attitude_frames(is_armed));
-        bench.run_for_ms(1);
-        links.armed_state.try_get().flatten()
-    };
-    assert_eq!(armed_after_heartbeat(1, false), Some(false));
-    assert_eq!(armed_after_heartbeat(0, true), Some(true));
-    assert_eq!(armed_after_heartbeat(1, false), Some(true));
-    assert_eq!(armed_after_heartbeat(1, true), Some(true));
-    assert_eq!(armed_after_heartbeat(0, false), Some(true));
-    assert_eq!(armed_after_heartbeat(1, false), Some(false));
 }
 
 /// The task pauses for 0.2 ms after an error or the end of the line, and keeps sending.
@@ -162,25 +124,6 @@ fn a_port_writes_at_its_rate_and_counts() {
     assert_eq!((counts.messages, counts.messages_empty), (20, 10));
     assert_eq!(port.take_text().matches("$PASWH,,,uncalibrated").count(), 10);
     assert_eq!(bench.links.heartbeat_counts(), [0, 0, 0, 0, 160, 0], "one for each estimate");
-}
-
-/// Messages that arrive while another protocol is set are dropped.
-#[test]
-fn a_message_is_sent_as_mavlink_status_text() {
-    let (mut bench, line, port) = bench_with_port(PortNumber::Two);
-    let sent = |bench: &mut TaskBench, message: &Message| {
-        bench.links.broadcast_message(message);
-        line.queue_bytes(&heartbeat_and_attitude_frames(false));
-        bench.publish_estimates(NORTH, 500);
-        let bytes = port.written.take();
-        move |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes())
-    };
-    assert!(!sent(&mut bench, &Message::InstallationRestored)("autoswing"), "sentences");
-    let other =
-        Settings::DEFAULT.with_setting(SettingChange::new("PORT2", Whole(ProtocolKind::Mavlink as u32))).unwrap();
-    publish_value(&bench.links.settings, other);
-    let text = sent(&mut bench, &Message::Collecting(40));
-    assert!(text("autoswing: collecting: 40 %") && !text("iron-back"));
 }
 
 /// A failing port and a port that accepts no bytes: errors are counted, and later messages are up to date.

@@ -227,22 +227,3 @@ fn the_firmware_can_be_replaced_over_can() {
         (10, OWN_NODE, &b"a.bin"[..])
     );
 }
-
-/// Parameters, texts of a tunnel and batteries belong to code that can be the cause of the panics.
-#[test]
-fn the_node_ignores_other_messages_in_safe_mode() {
-    let (mut bench, bus) = FakeCanBus::with_allocated_node();
-    bus.take_sent_data(DataType::NODE_STATUS);
-    for (data_type, payload) in [
-        (DataType::GET_SET, &[0, 0][..]),
-        (DataType::EXECUTE_OPCODE, &[1, 0, 0, 0, 0, 0, 0]),
-        (DataType::GET_TRANSPORT_STATS, &[]),
-        (DataType::TARGETTED, &[1, OWN_NODE << 1, 0, 0, 0, 0]),
-        (DataType::BATTERY_INFO, &[0; 30]),
-    ] {
-        bus.queue_message(data_type, payload);
-        bench.run_for_ms(200);
-        assert_eq!(bus.take_sent_data(data_type), Vec::<Vec<u8>>::new());
-    }
-    assert!(bench.links.motor_current.try_get().is_none() && bench.links.commands.is_empty());
-}

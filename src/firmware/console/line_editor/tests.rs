@@ -194,21 +194,3 @@ fn characters_beyond_the_capacity_are_counted() {
     type_bytes(&mut editor, &mut screen, b"\x15");
     assert!(!editor.is_too_long() && editor.line().is_empty());
 }
-
-/// Random bytes: the screen shows the line, the cursor stays within it, and only printable characters are stored.
-#[test]
-fn no_input_stops_the_editor() {
-    let mut random = testkit::random::Random(3);
-    let (mut editor, mut screen) = new_editor_and_screen();
-    for _ in 0..3000 {
-        let mut bytes = random.bytes(20);
-        for byte in &mut bytes {
-            if random.byte() < 100 {
-                *byte = b"\x1b[[[ABCDHF~3O\x7f\x08\r"[usize::from(*byte % 16)];
-            }
-        }
-        type_bytes(&mut editor, &mut screen, &bytes);
-        assert!(editor.cursor <= editor.line.len());
-        assert!(editor.line.iter().chain(&editor.history).all(|byte| (b' '..=b'~').contains(byte) || *byte == b'\n'));
-    }
-}

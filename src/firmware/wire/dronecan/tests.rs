@@ -211,31 +211,6 @@ fn a_parameter_has_value_default_and_range() {
 }
 
 #[test]
-fn service_requests_to_this_node_are_decoded() {
-    let from_peer = |transfer_id, message| inbound_transfer(30, Some(node_id(10)), transfer_id, message);
-    assert_received(0x1E01_AA8A, "C0", &from_peer(0, BusMessage::GetNodeInfo));
-    assert_received(0x1E05_AA8A, "1E 1B 55 CE AC C2", &from_peer(2, BusMessage::RestartNode(true)));
-    assert_received(0x1E05_AA8A, "1E 1B 55 CE AD C2", &from_peer(2, BusMessage::RestartNode(false)));
-    assert_received(0x1E05_AA8A, "C2", &from_peer(2, BusMessage::RestartNode(false)));
-    let update = |server, path| BusMessage::BeginFirmwareUpdate { server, path };
-    assert_received(0x1E28_AA8A, "00 61 2E 62 69 6E C4", &from_peer(4, update(None, b"a.bin")));
-    assert_received(0x1E28_AA8A, "0B 61 C4", &from_peer(4, update(NodeId::new(11), b"a")));
-    for (text, opcode) in [
-        ("00 00 00 00 00 00 00 C0", ParameterOpcode::Save),
-        ("01 00 00 00 00 00 00 C0", ParameterOpcode::Erase),
-        ("02 C0", ParameterOpcode::Other),
-        ("C0", ParameterOpcode::Other),
-    ] {
-        assert_received(0x1E0A_AA8A, text, &from_peer(0, BusMessage::ExecuteOpcode(opcode)));
-    }
-    assert_received(0x1E04_AA8A, "C0", &from_peer(0, BusMessage::GetTransportStats));
-    // Ignored: a request to another node, a response, a service without a sender.
-    for id in [0x1E01_AB8A, 0x1E01_2A8A, 0x1E01_AA80] {
-        assert_eq!(receive_all(&frames_from_hex(id, "C0")), (None, 0), "{id:X}");
-    }
-}
-
-#[test]
 fn bytes_of_a_serial_line_are_sent_and_received() {
     let text = "9D 83 01 14 01 00 E1 89 ; 00 FD 01 02 69";
     let data = &[0xFD, 1, 2][..];
@@ -370,40 +345,6 @@ fn lost_frames_drop_a_transfer_and_repeated_ones_do_not() {
     }
 }
 
-/// Longest accepted time between two frames: 2 s.
-#[test]
-fn a_transfer_expires_after_two_seconds() {
-    let frames = targetted_frames();
-    for (pause_us, is_complete) in [(2_000_000, true), (2_000_001, false)] {
-        let mut receiver = TransferReceiver::new();
-        let mut completed = false;
-        for (number, frame) in frames.iter().enumerate() {
-            let at = Timestamp::from_us(if number < 3 { 5 } else { 5 + pause_us });
-            completed |= receiver.push_frame(at, Some(node_id(42)), frame).is_some();
-        }
-        assert_eq!(completed, is_complete, "{pause_us}");
-    }
-}
-
-/// First frames of many senders, three between two frames of a transfer, take the slot of the transfer that is silent
-/// for longest.
-#[test]
-fn a_flood_of_first_frames_does_not_stop_a_transfer_in_progress() {
-    let frames = targetted_frames();
-    let mut receiver = TransferReceiver::new();
-    let mut is_received = false;
-    for (number, frame) in frames.iter().enumerate() {
-        let at = |us| Timestamp::from_us(number as u64 * 100 + us);
-        is_received |= receiver.push_frame(at(0), Some(node_id(42)), frame).is_some();
-        for place in 1..4 {
-            let sender = 10 + 3 * number as u32 + place;
-            let flood = CanFrame::new(frame.frame_id() & !0x7F | sender, frames[0].data()).unwrap();
-            assert_eq!(receiver.push_frame(at(u64::from(place)), Some(node_id(42)), &flood), None);
-        }
-    }
-    assert!(is_received);
-}
-
 /// Transfers with changes of header and tail byte, which the CRC does not cover, of the data, and of the division.
 #[test]
 fn frames_that_are_no_valid_transfer_are_dropped() {
@@ -439,31 +380,4 @@ fn frames_that_are_no_valid_transfer_are_dropped() {
         assert_eq!(received.is_some(), is_received, "{name}");
         assert_eq!(rejected == 0, is_received, "{name}: {rejected} rejected");
     }
-}
-
-/// The largest lengths of the definitions are accepted, larger ones dropped.
-#[test]
-fn messages_beyond_their_limits_are_dropped() {
-    let bytes = |start: &[u8], length| [start, &vec![7; length]].concat();
-    for (data_type, longest, too_long) in [
-        (DataType::GET_SET, bytes(&[0, 0], 92), bytes(&[0, 0], 93)),
-        (DataType::GET_SET, bytes(&[0, 4, 20], 20), bytes(&[0, 4, 21], 20)),
-        (DataType::TARGETTED, bytes(&[1, 84, 0, 0, 0, 0], 120), bytes(&[1, 84, 0, 0, 0, 0], 121)),
-        (DataType::ALLOCATION, bytes(&[0], 16), bytes(&[0], 17)),
-    ] {
-        assert!(receive_all(&frames_from_peer(data_type, &longest)).0.is_some(), "{data_type:?}");
-        assert_eq!(receive_all(&frames_from_peer(data_type, &too_long)), (None, 1), "{data_type:?}");
-    }
-}
-
-#[test]
-fn only_classic_extended_frames_exist() {
-    assert!(CanFrame::new(0x1FFF_FFFF, &[0; 8]).is_some());
-    assert!(CanFrame::new(0x2000_0000, &[]).is_none());
-    assert!(CanFrame::new(1, &[0; 9]).is_none());
-    assert_eq!(receive_all(&[CanFrame::new(0x1804_4C0A, &[]).unwrap()]), (None, 0), "no tail byte");
-    assert_eq!(
-        [NodeId::new(0), NodeId::new(128), NodeId::new(127).map(|_| node_id(127))],
-        [None, None, Some(node_id(127))]
-    );
 }

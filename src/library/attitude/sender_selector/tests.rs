@@ -85,24 +85,6 @@ fn one_sender_is_selected_and_kept() {
     }
 }
 
-/// Heartbeats of cameras, radios and ground stations.
-#[test]
-fn heartbeats_of_others_change_nothing() {
-    let mut senders = TestSenders::new();
-    assert_eq!(senders.run_seconds(3, [(GIMBAL, NotAutopilot)]), [0]);
-    assert_eq!(senders.run_seconds(3, [(AUTOPILOT, Missing), (GIMBAL, NotAutopilot)]), [60, 0]);
-}
-
-#[test]
-fn a_first_sender_is_dropped_at_an_autopilot_s_first_heartbeat() {
-    let mut senders = TestSenders::new();
-    assert!(senders.send_attitude(GIMBAL));
-    senders.send_heartbeat(AUTOPILOT, Disarmed);
-    assert!(!senders.send_attitude(GIMBAL), "before the autopilot sends attitude");
-    assert!(senders.send_attitude(AUTOPILOT));
-    assert!(!senders.send_attitude(GIMBAL));
-}
-
 #[test]
 fn the_first_sender_is_kept_only_if_it_is_an_autopilot() {
     for (content, stays) in [(Disarmed, true), (NotAutopilot, false)] {
@@ -133,79 +115,6 @@ fn a_silent_sender_is_released_after_ten_seconds() {
     assert!(!senders.send_attitude(SECOND_AUTOPILOT));
 }
 
-#[test]
-fn a_sender_of_heartbeats_alone_does_not_block_an_autopilot() {
-    let mut senders = TestSenders::new();
-    for _ in 0..20 {
-        senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, Disarmed)]), [20]);
-    }
-}
-
-#[test]
-fn an_autopilot_s_heartbeat_expires_after_ten_seconds() {
-    let mut senders = TestSenders::new();
-    senders.send_heartbeat(AUTOPILOT, Disarmed);
-    senders.now_ms += 10_000;
-    assert!(!senders.send_attitude(GIMBAL));
-    senders.now_ms += 1;
-    assert!(senders.send_attitude(GIMBAL));
-}
-
-#[test]
-fn the_selected_sender_needs_no_further_heartbeats() {
-    let mut senders = TestSenders::new();
-    senders.send_heartbeat(AUTOPILOT, Disarmed);
-    assert_eq!(senders.run_seconds(30, [(AUTOPILOT, Missing), (SECOND_AUTOPILOT, Disarmed)]), [600, 0]);
-}
-
-/// Before attitude: the first autopilot, until its heartbeat expires. Afterwards: the selected one, until another
-/// is selected.
-#[test]
-fn the_selected_autopilot_is_queried() {
-    let mut senders = TestSenders::new();
-    let queried = |senders: &TestSenders| senders.sender_selector.autopilot_to_query(senders.now());
-    senders.send_heartbeat(GIMBAL, NotAutopilot);
-    assert_eq!(queried(&senders), None);
-    senders.send_heartbeat(AUTOPILOT, Disarmed);
-    senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-    assert_eq!(queried(&senders), Some(AUTOPILOT));
-    senders.now_ms += 10_000;
-    assert_eq!(queried(&senders), Some(AUTOPILOT));
-    senders.now_ms += 1;
-    assert_eq!(queried(&senders), None);
-    for sender in [AUTOPILOT, SECOND_AUTOPILOT] {
-        senders.send_heartbeat(sender, Disarmed);
-    }
-    assert!(senders.send_attitude(SECOND_AUTOPILOT));
-    assert_eq!(queried(&senders), Some(SECOND_AUTOPILOT));
-    senders.now_ms += 60_000;
-    assert_eq!(queried(&senders), Some(SECOND_AUTOPILOT), "it stays selected");
-    senders.send_heartbeat(AUTOPILOT, Disarmed);
-    assert!(senders.send_attitude(AUTOPILOT));
-    assert_eq!(queried(&senders), Some(AUTOPILOT));
-    // A first sender without heartbeats is not queried.
-    let mut senders = TestSenders::new();
-    assert!(senders.send_attitude(GIMBAL));
-    assert_eq!(queried(&senders), None);
-}
-
-#[test]
-fn armed_is_the_last_state_of_the_selected_autopilot() {
-    let mut senders = TestSenders::new();
-    senders.send_heartbeat(AUTOPILOT, Armed);
-    assert!(!senders.is_armed(), "no sender is selected yet");
-    assert!(senders.send_attitude(AUTOPILOT) && senders.is_armed());
-    senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-    senders.send_heartbeat(GIMBAL, NotAutopilot);
-    assert!(senders.is_armed());
-    senders.send_heartbeat(AUTOPILOT, Disarmed);
-    senders.send_heartbeat(SECOND_AUTOPILOT, Armed);
-    assert!(!senders.is_armed());
-    let mut senders = TestSenders::new();
-    assert!(senders.send_attitude(AUTOPILOT) && !senders.is_armed());
-}
-
 /// Neither continuing attitude nor its loss changes the expiry.
 #[test]
 fn armed_state_expires_after_ten_seconds_without_a_heartbeat() {
@@ -220,41 +129,6 @@ fn armed_state_expires_after_ten_seconds_without_a_heartbeat() {
         senders.now_ms -= 99;
         assert!(!senders.is_armed());
     }
-}
-
-/// 20 forged autopilot heartbeats between any two frames of the real autopilot, before and after its selection.
-#[test]
-fn a_flood_of_heartbeats_does_not_displace_the_autopilot() {
-    let mut senders = TestSenders::new();
-    let mut accepted = 0;
-    for tick in 0..600_u16 {
-        for forged in 0..20 {
-            senders.send_heartbeat(SenderId::new(0x4000 + (tick % 50) * 20 + forged), Disarmed);
-        }
-        // The autopilot's first heartbeat follows a second of attitude.
-        if tick % 20 == 19 {
-            senders.send_heartbeat(AUTOPILOT, Armed);
-        }
-        accepted += u16::from(senders.send_attitude(AUTOPILOT));
-        assert_eq!(senders.is_armed(), tick >= 19);
-        senders.now_ms += 50;
-    }
-    assert_eq!(accepted, 600 - 19);
-}
-
-/// The selected sender was received first and longest ago.
-#[test]
-fn the_selected_sender_is_never_evicted() {
-    let mut senders = TestSenders::new();
-    senders.send_heartbeat(AUTOPILOT, Armed);
-    assert!(senders.send_attitude(AUTOPILOT));
-    for other in 0..20 {
-        senders.now_ms += 100;
-        senders.send_heartbeat(SenderId::new(other), Disarmed);
-        assert!(!senders.send_attitude(SenderId::new(other)));
-    }
-    assert!(senders.is_armed() && senders.send_attitude(AUTOPILOT));
-    assert_eq!(senders.sender_selector.entries.len(), MAX_SENDERS);
 }
 
 #[test]

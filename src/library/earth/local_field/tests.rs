@@ -21,26 +21,6 @@ fn day(days: u64) -> Date {
     Date::from_unix_s(days * 86_400).unwrap()
 }
 
-/// Position and date may arrive in either order.
-#[test]
-fn position_and_date_give_a_field() {
-    let (position, day) = (position_at(51.1, 13.7), day(20_779));
-    let mut local_field = LocalField::UNKNOWN;
-    local_field.update_position(TEST_TIME, position, PositionContext::default());
-    assert_eq!(
-        (local_field.model_position(), local_field.date(), local_field.model_field(), local_field.validity()),
-        (Some(position), None, None, None)
-    );
-    local_field.update_date(day, None);
-    assert_eq!(local_field.model_field(), EarthField::from_model(position, day).as_ref());
-    assert!(local_field.model_field().is_some());
-    let mut other = LocalField::UNKNOWN;
-    other.update_date(day, None);
-    assert_eq!((other.model_field(), other.validity()), (None, Some(ModelValidity::Valid)));
-    other.update_position(TEST_TIME, position, PositionContext::default());
-    assert_eq!(other, local_field);
-}
-
 /// The date changes at midnight, or because the first date was wrong.
 #[test]
 fn the_field_follows_the_date() {
@@ -97,15 +77,6 @@ fn is_position_accepted([latitude_deg, longitude_deg]: [f32; 2], after_ms: u32, 
     local_field.model_field().copied() != before
 }
 
-/// 6,200 km from Bavaria to Canada: 170 m/s in ten hours, 430 m/s in four.
-#[test]
-fn a_position_moves_at_a_plausible_speed() {
-    let hours = |hours: u32| hours * 3_600_000;
-    for (after_ms, is_expected) in [(1000, false), (hours(4), false), (hours(10), true)] {
-        assert_eq!(is_position_accepted(CANADA, after_ms, PositionContext::default()), is_expected, "{after_ms}");
-    }
-}
-
 #[test]
 fn a_disarmed_vehicle_takes_a_distant_position_that_persists() {
     let context = PositionContext { is_disarmed: true, ..PositionContext::default() };
@@ -155,21 +126,4 @@ fn the_distance_limit_costs_under_a_quarter_sigma_of_declination() {
         }
     }
     assert!(worst < 0.25, "{worst}");
-}
-
-/// Greenland has an inclination of some 80 deg. A position that was dropped does not limit the next one.
-#[test]
-fn the_first_date_tests_the_position_before_it() {
-    for (calibrated_deg, is_kept) in [(None, true), (Some(82.0), true), (Some(30.0), false)] {
-        let greenland = position_at(72.0, -40.0);
-        let mut local_field = LocalField::UNKNOWN;
-        let context = PositionContext { calibrated_inclination_deg: calibrated_deg, ..PositionContext::default() };
-        local_field.update_position(TEST_TIME, greenland, context);
-        local_field.update_date(day(20_779), calibrated_deg);
-        assert_eq!(local_field.model_position().is_some(), is_kept, "{calibrated_deg:?}");
-        assert_eq!(local_field.model_field().is_some(), is_kept, "{calibrated_deg:?}");
-        let home = position_at(10.0, 20.0);
-        local_field.update_position(TEST_TIME, home, PositionContext::default());
-        assert_eq!(local_field.model_position() == Some(home), !is_kept, "{calibrated_deg:?}");
-    }
 }

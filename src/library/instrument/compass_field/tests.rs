@@ -6,7 +6,7 @@ use super::super::tests::{
 };
 use super::super::*;
 use super::*;
-use crate::calibration::{HeadingUncertainty, Orientation};
+use crate::calibration::Orientation;
 use testkit::random::Random;
 
 /// Another calibration of the same aircraft; headings differ by up to 12 deg.
@@ -104,25 +104,6 @@ fn the_raw_field_is_never_sent_after_a_calibration_was_used() {
 }
 
 #[test]
-fn a_missing_or_frozen_attitude_keeps_the_compass_field() {
-    let level = RollPitch::default();
-    let mut instrument = instrument_with(correction_with(test_calibration()));
-    let missing = process_reading(&mut instrument, 0, sensor_field(1.0, level));
-    assert_eq!((missing.heading, missing.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
-    report_attitude(&mut instrument, 0, level);
-    let stale = process_reading(&mut instrument, 900_000, sensor_field(1.0, level));
-    assert_eq!((stale.heading, stale.compass_field.is_some()), (Err(NoHeading::AttitudeStale), true));
-    for i in 0..30 {
-        report_attitude(&mut instrument, 1_000_000 + i * 20_000, RollPitch::from_deg(0.003 * i.min(20) as f32, 0.0));
-        let field = Field::new(sensor_field(1.0, level).ut * (1.0 + 1e-4 * i as f32));
-        let estimate = process_reading(&mut instrument, 1_000_000 + i * 20_000 + 20_001, field);
-        assert!(estimate.compass_field.is_some(), "{:?}", estimate.heading);
-    }
-    let estimate = process_reading(&mut instrument, 1_600_002, sensor_field(1.0, level));
-    assert_eq!((estimate.heading, estimate.compass_field.is_some()), (Err(NoHeading::AttitudeFrozen), true));
-}
-
-#[test]
 fn without_attitude_only_the_field_strength_is_checked() {
     let output = |times: f32, attitude: Option<RollPitch>| {
         let mut instrument = instrument_with(correction_with(test_calibration()));
@@ -186,18 +167,6 @@ fn a_field_rejected_by_the_monitor_is_not_sent() {
             output,
             "{verdict:?} after {us} us"
         );
-    }
-}
-
-#[test]
-fn the_compass_field_uses_the_monitored_calibration() {
-    let mut instrument = instrument_with(correction_with(test_calibration()));
-    let monitored = Calibration { b_ut: [1.0, 0.0, 0.0], ..test_calibration() };
-    instrument.active_calibration.adjusted_calibration = Some((monitored, HeadingUncertainty::NO_UNCERTAINTY));
-    for is_armed in [None, Some(true)] {
-        let output = process_reading(&mut instrument, 0, SAMPLE_FIELD).compass_field;
-        assert!(is_near(output, monitored.calibrated_field(SAMPLE_FIELD)), "{is_armed:?}");
-        instrument.set_correction(Correction { is_armed, ..correction_with(test_calibration()) });
     }
 }
 
@@ -311,19 +280,6 @@ fn a_further_change_starts_from_the_present_blend() {
     assert!((1_900..2_100).contains(&arrived), "15 deg more in some 15 s: {arrived}");
 }
 
-#[test]
-fn a_blend_continues_after_disarming() {
-    let field = sensor_field(0.3, RollPitch::default());
-    let mut instrument = instrument_with(armed(correction_with(test_calibration())));
-    output_at(&mut instrument, 0, field);
-    let changed = Correction { align_deg: 10.0, ..correction_with(test_calibration()) };
-    instrument.set_correction(armed(changed.clone()));
-    let before = output_of_readings(&mut instrument, 0, 5, field);
-    instrument.set_correction(Correction { is_armed: Some(false), ..changed });
-    let after = output_of_readings(&mut instrument, 5_000_000, 1, field);
-    assert!(turned_deg(before[before.len() - 1], after[0]).abs() < 0.02);
-}
-
 fn is_applied_at_once(instrument: &mut Instrument, us: u64, correction: Correction) -> bool {
     let field = sensor_field(0.3, RollPitch::default());
     output_at(instrument, us, field);
@@ -390,36 +346,4 @@ fn rest_is_detected_on_a_slope_and_upside_down() {
         }
         assert!(rest.is_at_rest(us_after_start(3_980_000)), "{mean_roll_deg} deg");
     }
-}
-
-#[test]
-fn every_blend_ends() {
-    let mut random = Random(9);
-    for _ in 0..2_000 {
-        let mut any = || {
-            let mut number = || random.uniform(-3.0, 3.0);
-            let w = [(); 3].map(|()| [(); 3].map(|()| number()));
-            Calibration { w, b_ut: [(); 3].map(|()| 30.0 * number()), ..test_calibration() }
-        };
-        let (from, to) = (any(), any());
-        let active = ActiveCalibration::new(correction_with(to));
-        let [before, after] = [from, to].map(|calibration| FieldMap::new(&calibration, &active.output_map));
-        let seconds = blend_duration_s(&before, &after, &to, &active);
-        assert!((0.0..=MAX_BLEND_S).contains(&seconds), "{seconds}");
-    }
-    let flat = Calibration { w: [[0.0; 3]; 3], ..test_calibration() };
-    let active = ActiveCalibration::new(correction_with(flat));
-    let map = FieldMap::new(&flat, &active.output_map);
-    assert!(blend_duration_s(&map, &map, &flat, &active).abs() < 1e-9, "a singular map applies at once");
-}
-
-#[test]
-fn a_blend_with_unknown_inclination_takes_longer() {
-    let seconds = |has_valid_inclination| {
-        let active =
-            ActiveCalibration::new(Correction { has_valid_inclination, ..correction_with(test_calibration()) });
-        let from = FieldMap::new(&Calibration { b_ut: [2.0, 0.0, 0.0], ..test_calibration() }, &active.output_map);
-        blend_duration_s(&from, &FieldMap::new(&test_calibration(), &active.output_map), &test_calibration(), &active)
-    };
-    assert!(seconds(false) > 1.3 * seconds(true), "{} {}", seconds(false), seconds(true));
 }

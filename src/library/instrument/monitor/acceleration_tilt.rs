@@ -90,14 +90,4 @@ mod tests {
             assert!((found_rad - expected_rad).abs() < 0.000_3, "{excursion_rad:?} {seconds} s: {found_rad}");
         }
     }
-
-    #[test]
-    fn a_long_gap_ends_the_tilt_error() {
-        let mut tilt = AccelerationTilt::INITIAL;
-        let euler_rates = EulerRates { pitch_rad_s: 0.01, ..EulerRates::default() };
-        for (pitch_rad, step_s) in [(0.0, 0.1), (0.3, 25.0)] {
-            tilt.update_tilt(RollPitch { roll_rad: 0.0, pitch_rad }, &euler_rates, step_s);
-        }
-        assert!(tilt.variance_rad2() < 1e-12);
-    }
 }

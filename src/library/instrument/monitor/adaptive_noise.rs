@@ -148,73 +148,7 @@ fn update_moving_average(mean: &mut f32, value: f32, weight: f32) {
 
 #[cfg(test)]
 mod tests {
-    use testkit::random::Random;
-
     use super::*;
-
-    const CALIBRATION_NOISE: SampleNoise = SampleNoise { strength_variance: 1e-4, tilt_variance_rad2: 4e-4 };
-
-    /// Noise after `seconds` of samples at 10 Hz with this multiple of the calibration's sigma, and a strength drift of
-    /// 0.1 % per second.
-    fn sample_noise_after_seconds(sigmas: f32, seconds: u16) -> SampleNoise {
-        let mut random = Random(1);
-        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
-        for i in 0..10 * seconds {
-            let strength = 1.0 + 1e-4 * f32::from(i) + 0.01 * sigmas * random.normal();
-            noise.update_strength_noise(CALIBRATION_NOISE, strength, 0.1);
-            let sensor_noise = 0.01 * sigmas * random.normal();
-            noise.update_tilt_noise(CALIBRATION_NOISE, 0.02 * sigmas * random.normal() + sensor_noise, 0.1);
-        }
-        noise.sample_noise(CALIBRATION_NOISE)
-    }
-
-    /// Variances relative to those of the calibration.
-    fn relative_variances(noise: SampleNoise) -> [f32; 2] {
-        [
-            noise.strength_variance / CALIBRATION_NOISE.strength_variance,
-            noise.tilt_variance_rad2 / CALIBRATION_NOISE.tilt_variance_rad2,
-        ]
-    }
-
-    /// A quarter of the calibration's variance and three quarters of the actual one.
-    #[test]
-    fn the_noise_adapts_to_the_recent_samples() {
-        for (sigmas, expected) in [(1.0, 1.0), (2.0, 3.25), (0.0, 0.25)] {
-            let found = relative_variances(sample_noise_after_seconds(sigmas, 120));
-            assert!(found.iter().all(|found| (found / expected - 1.0).abs() < 0.25), "{sigmas}: {found:?}");
-        }
-        let [_, after_two_seconds] = relative_variances(sample_noise_after_seconds(0.0, 2));
-        assert!(after_two_seconds > 0.8, "ten seconds of memory: {after_two_seconds}");
-    }
-
-    /// Sixteen and 36 times the calibration's variance, of which three quarters count.
-    #[test]
-    fn a_disturbance_does_not_enlarge_the_noise_without_limit() {
-        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
-        for i in 0..2000_u16 {
-            noise.update_strength_noise(CALIBRATION_NOISE, f32::from(i % 2), 0.1);
-            noise.update_tilt_noise(CALIBRATION_NOISE, 1.0, 0.1);
-        }
-        let [strength, tilt] = relative_variances(noise.sample_noise(CALIBRATION_NOISE));
-        assert!((20.0..28.0).contains(&strength) && (1.0..13.0).contains(&tilt), "{strength} {tilt}");
-    }
-
-    #[test]
-    fn the_tilt_variance_is_never_negative() {
-        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
-        for _ in 0..2000 {
-            noise.update_tilt_noise(CALIBRATION_NOISE, 0.0, 0.1);
-        }
-        let found = noise.sample_noise(CALIBRATION_NOISE);
-        assert!((found.tilt_variance_rad2 - 1e-4).abs() < 1e-9, "a quarter of the calibration's: {found:?}");
-    }
-
-    #[test]
-    fn a_long_gap_replaces_the_recent_noise() {
-        let mut noise = AdaptiveNoise::new(CALIBRATION_NOISE, 1.0);
-        noise.update_tilt_noise(CALIBRATION_NOISE, 0.014_142, 1000.0);
-        assert!((noise.recent_noise.tilt_variance_rad2 - 1e-4).abs() < 1e-8, "{noise:?}");
-    }
 
     /// Time constant of the strength residual: 30 s, after which 63 % of a change is followed.
     #[test]

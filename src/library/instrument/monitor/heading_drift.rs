@@ -107,16 +107,6 @@ mod tests {
         }
     }
 
-    /// An offset that the first straight flight shows is the gyro's if a usable gyro has it.
-    #[test]
-    fn the_first_offset_of_a_usable_gyro_is_no_drift() {
-        for (offset_rad_s, is_gyro) in [(0.0035, true), (-0.0035, true), (0.0045, false)] {
-            let mut drift = HeadingDrift::NO_DRIFT;
-            update_for_seconds(&mut drift, offset_rad_s, 0.0, 100);
-            assert_eq!(drift.variance_rad2() < 1e-9, is_gyro, "{drift:?}");
-        }
-    }
-
     /// Five time constants reduce the drift to less than a hundredth. Gusts of a second are no turn, and what the
     /// offset becomes right after a turn is not known from it.
     #[test]

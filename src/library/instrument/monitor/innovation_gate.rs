@@ -206,42 +206,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_first_large_innovation_is_not_used() {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        let verdict = gate.test_innovations(innovations_of_sigmas([5.0, 3.0, -5.0]), 0.1);
-        assert_eq!(verdict, GateResult::Consistent { is_usable: [false, true, false] });
-        assert!(!gate.is_withholding());
-    }
-
-    #[test]
-    fn a_detected_change_has_the_size_of_the_exceeding_residuals() {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        gate.test_innovations(innovations_of_sigmas([-5.0, 2.5, 1.5]), 0.1);
-        let GateResult::ChangeDetected { exceeding_residuals: sizes } =
-            gate.test_innovations(innovations_of_sigmas([-5.0, 2.5, 1.5]), 0.1)
-        else {
-            panic!()
-        };
-        for (size, expected) in sizes.into_iter().zip([0.05, 0.025, 0.0]) {
-            assert!((size - expected).abs() < 1e-7, "{sizes:?}");
-        }
-    }
-
-    #[test]
-    fn headings_are_withheld_for_4_s_after_the_last_contradiction() {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        for _ in 0..7 {
-            gate.test_innovations(innovations_of_sigmas([5.0, 0.0, 0.0]), 0.1);
-        }
-        let silent = (1..100).take_while(|_| {
-            gate.test_innovations(innovations_of_sigmas([0.0; 3]), 0.1);
-            gate.is_withholding()
-        });
-        // One sample of tolerance: 0.1 is not exact in binary.
-        assert!((39..=41).contains(&silent.count()));
-    }
-
     /// 20 % of the field, or 11 deg of inclination, for up to 1.2 s: a restart of the sensor.
     #[test]
     fn gross_innovations_are_withheld_for_up_to_12_samples() {
@@ -273,38 +237,5 @@ mod tests {
             let mut gate = InnovationGate::NO_INNOVATIONS;
             assert!(!detects(&mut gate, residual, kind) && detects(&mut gate, residual, kind), "{residual} {kind}");
         }
-    }
-
-    #[test]
-    fn missing_measurements_do_not_affect_the_gate() {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        assert!(!detects_change(&mut gate, [0.0, 0.0, 5.0]) && !detects_change(&mut gate, [0.0, 0.0, f32::NAN]));
-        assert!(detects_change(&mut gate, [0.0, 0.0, 5.0]));
-    }
-
-    #[test]
-    fn an_hour_of_contradictions_is_withheld() {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        assert!(!detects_change(&mut gate, [9.0; 3]));
-        assert!((1..36_000).all(|_| detects_change(&mut gate, [9.0; 3]) && gate.is_withholding()));
-    }
-
-    /// After 16 s of withheld headings, as of four changes in succession, a turn of 60 deg must show agreement.
-    #[test]
-    fn repeated_changes_require_a_turn() {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        let mut pass = |sigmas: f32, turned_rad: f32, samples: usize| {
-            for _ in 0..samples {
-                gate.test_innovations(innovations_of_sigmas([sigmas; 3]), 0.1);
-                gate.update_turn(turned_rad, 0.1);
-            }
-            gate.is_withholding()
-        };
-        assert!(pass(5.0, 0.0, 60));
-        assert!(!pass(0.0, 0.0, 60), "one change alone ends by itself");
-        assert!(pass(5.0, 0.0, 170));
-        assert!(pass(0.0, 0.0, 600), "straight flight shows nothing");
-        assert!(pass(0.0, -0.02, 52));
-        assert!(!pass(0.0, -0.02, 2));
     }
 }

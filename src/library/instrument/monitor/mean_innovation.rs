@@ -69,19 +69,6 @@ mod tests {
         (0..samples).map(|_| means.update_means(&innovations, 0.1)).last().flatten()
     }
 
-    /// The exponential mean over 4 s averages like 80 samples: its sigma is a ninth of an innovation's.
-    #[test]
-    fn a_mean_beyond_three_of_its_sigmas_is_a_slow_change() {
-        for sigmas in [0.4, -0.4] {
-            let Some(SlowChange::Heading(mean_rad)) = slow_change_after([0.0, 0.0, sigmas], 300) else {
-                panic!("{sigmas}")
-            };
-            assert!((mean_rad - 0.01 * sigmas).abs() < 0.001, "{mean_rad}");
-        }
-        assert_eq!(slow_change_after([0.0, 0.0, 0.3], 300), None);
-        assert_eq!(slow_change_after([0.0, 0.0, 0.4], 20), None);
-    }
-
     /// If strength or inclination changes with the heading, hard iron or attitude is the cause, and not the gyro; between
     /// two and three sigmas nobody can tell.
     #[test]

@@ -330,38 +330,4 @@ mod tests {
     fn random_states(random: &mut Random, size: f32) -> StateVector {
         array::from_fn(|_| random.uniform(-size, size))
     }
-
-    #[test]
-    fn the_prediction_of_a_true_field_is_exact() {
-        let attitude = RollPitch::from_deg(-30.0, 8.0);
-        let body = attitude.to_body_frame(Field::earth_field(1.0, 1.1, 2.0)).ut;
-        let mount_turn_effect =
-            MountTurnEffect { change_by_sine: Vector3::x(), change_by_one_minus_cosine: Vector3::y() };
-        let monitor_sample =
-            MonitorSample { field: body, mount_turn_effect, attitude, euler_rates: EulerRates::default() };
-        let predicted_field = PredictedField::new(&[0.0; STATE_COUNT], 1.1, None);
-        let model = MeasurementModel::new(&monitor_sample, &[0.0; STATE_COUNT], &predicted_field);
-        assert!((model.strength - 1.0).abs() < 1e-6 && (model.inclination_rad - 1.1).abs() < 1e-5);
-        assert!((model.heading_rad - 2.0).abs() < 1e-5);
-        assert!((model.tan_inclination / 1.1_f32.tan() - 1.0).abs() < 1e-4);
-    }
-
-    #[test]
-    fn attitude_is_corrected_by_the_estimated_errors() {
-        let euler_rates = EulerRates { roll_rad_s: 0.5, pitch_rad_s: -0.2, heading_rad_s: 0.0 };
-        let reported = RollPitch { roll_rad: 0.4, pitch_rad: 0.1 };
-        for (index, value, roll_rad, pitch_rad) in [
-            (ROLL_BIAS_INDEX, 0.01, 0.39, 0.1),
-            (PITCH_BIAS_INDEX, 0.01, 0.4, 0.09),
-            (BANK_SCALE_ERROR_INDEX, 0.1, 0.36, 0.1),
-            (ATTITUDE_LATENCY_INDEX, 0.1, 0.45, 0.08),
-            (GYRO_HEADING_OFFSET_INDEX, 1.0, 0.4, 0.1),
-        ] {
-            let mut states = [0.0; STATE_COUNT];
-            states[index] = value;
-            let found = correct_attitude(reported, &euler_rates, &states);
-            let error_rad = (found.roll_rad - roll_rad).abs() + (found.pitch_rad - pitch_rad).abs();
-            assert!(error_rad < 1e-6, "{index}: {found:?}");
-        }
-    }
 }

@@ -47,36 +47,8 @@ impl ResidualNoise {
 
 #[cfg(test)]
 mod tests {
-    use testkit::random::Random;
-
     use super::*;
     use crate::instrument::smoother::tests::STEP_S;
-
-    /// Mean fraction estimated from 30 runs of correlated noise.
-    fn mean_remaining_fraction(noise_correlation_s: f32) -> f32 {
-        let mut random = Random(3);
-        let decay = (-STEP_S / noise_correlation_s).exp();
-        let mut sum = 0.0;
-        for _ in 0..30 {
-            let (mut residual_noise, mut noise) = (ResidualNoise::INITIAL, 2.0 * random.normal());
-            for _ in 0..(240.0 / STEP_S) as usize {
-                noise = decay * noise + 2.0 * (1.0 - decay * decay).sqrt() * random.normal();
-                residual_noise.update_noise(noise, 4.0, STEP_S);
-            }
-            sum += residual_noise.remaining_fraction();
-        }
-        sum / 30.0
-    }
-
-    /// Expected remaining fraction for correlation time `tau`: `1.5 tau / (tau + 5 s)`.
-    #[test]
-    fn the_remaining_fraction_is_that_of_a_5_s_mean() {
-        for (noise_correlation_s, expected, within) in [(0.01, 0.003, 0.02), (0.5, 0.136, 0.03), (2.0, 0.43, 0.06)] {
-            let found = mean_remaining_fraction(noise_correlation_s);
-            assert!((found - expected).abs() < within, "{noise_correlation_s}: {found}");
-        }
-        assert!(mean_remaining_fraction(30.0) > 0.5, "{}", mean_remaining_fraction(30.0));
-    }
 
     /// Fraction after constant innovations in sigmas, each for some seconds.
     fn fraction_after(innovations: &[(f32, f32)]) -> f32 {

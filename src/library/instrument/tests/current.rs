@@ -89,19 +89,3 @@ fn samples_keep_their_current() {
         assert!(found.iter().all(|sample| sample.current.amperes() == Some(16.0)), "{sample_attitude:?}");
     }
 }
-
-/// The limit is five times the highest calibrated current of 40 A. Without the interference any current is stored.
-#[test]
-fn an_impossible_current_is_ignored() {
-    let reported_a = |instrument: &mut Instrument| {
-        [35.0, 250.0, -250.0].map(|current_a| {
-            instrument.on_current(us_after_start(0), current_a);
-            instrument.on_silence(us_after_start(1)).current_a
-        })
-    };
-    assert_eq!(reported_a(&mut instrument_with_interference()), [Some(35.0); 3]);
-    assert_eq!(reported_a(&mut instrument()), [Some(35.0), Some(250.0), Some(-250.0)]);
-    let mut instrument = instrument_with_interference();
-    instrument.on_current(us_after_start(0), 150.0);
-    assert_eq!(instrument.on_silence(us_after_start(1)).current_a, Some(150.0));
-}

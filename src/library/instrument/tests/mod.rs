@@ -186,34 +186,6 @@ fn alignment_is_added_to_the_heading_alone() {
 }
 
 #[test]
-fn the_first_reason_for_an_empty_heading_is_reported() {
-    let estimate = process_reading(&mut instrument(), 0, SAMPLE_FIELD);
-    assert_eq!((estimate.heading, estimate.body_field, estimate.attitude), (Err(NoHeading::Uncalibrated), None, None));
-    // With a calibration but no attitude the body field is available.
-    let estimate = process_reading(&mut calibrated_instrument(), 0, SAMPLE_FIELD);
-    assert_eq!(estimate.heading, Err(NoHeading::AttitudeStale));
-    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(SAMPLE_FIELD)));
-    let estimate = calibrated_instrument().on_reading(us_after_start(0), saturated_reading(SAMPLE_FIELD));
-    assert_eq!((estimate.heading, estimate.body_field), (Err(NoHeading::SensorSaturated), None));
-    let mut disturbed = calibrated_instrument();
-    report_attitude(&mut disturbed, 0, RollPitch::default());
-    let estimate = process_reading(&mut disturbed, 0, Field::from_ut(90.0, 0.0, 0.0));
-    assert_eq!(estimate.heading, Err(NoHeading::FieldDisturbed));
-    assert!(estimate.body_field.is_some());
-}
-
-#[test]
-fn a_silent_sensor_still_has_an_attitude() {
-    let mut instrument = calibrated_instrument();
-    assert_eq!(instrument.on_silence(us_after_start(0)), Estimate { timestamp: us_after_start(0), ..Estimate::EMPTY });
-    let attitude = RollPitch::from_deg(3.0, 2.0);
-    report_attitude(&mut instrument, 0, attitude);
-    let estimate = instrument.on_silence(us_after_start(50_000));
-    assert_eq!(estimate.heading, Err(NoHeading::SensorSilent));
-    assert_eq!((estimate.body_field, estimate.attitude), (None, Some(attitude)));
-}
-
-#[test]
 fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated_instrument();
     report_attitude(&mut instrument, 0, RollPitch::default());
@@ -234,15 +206,6 @@ fn a_sample_waits_for_the_attitude_after_it() {
     assert_eq!(sample.field, SAMPLE_FIELD);
     assert_eq!(sample.time, us_after_start(7 * PERIOD_US / 2).wrapping_millis());
     assert_eq!(instrument.rejection_counts().unpaired_readings, 0);
-}
-
-#[test]
-fn one_report_can_complete_several_samples() {
-    let mut instrument = instrument();
-    report_attitude(&mut instrument, 0, RollPitch::default());
-    assert_eq!(read_samples(&mut instrument, 1..18), []);
-    report_attitude(&mut instrument, 17 * PERIOD_US, RollPitch::default());
-    assert_eq!(take_samples(&mut instrument).len(), 2);
 }
 
 #[test]
@@ -301,28 +264,6 @@ fn readings_dropped_from_a_full_queue_are_counted() {
 }
 
 #[test]
-fn a_gap_in_the_readings_starts_another_sample() {
-    for (gap_us, made) in [(40_000, 1), (40_001, 0)] {
-        let mut instrument = field_only_instrument();
-        for i in 0..8 {
-            let us = i * PERIOD_US + if i < 4 { 0 } else { gap_us - PERIOD_US };
-            process_reading(&mut instrument, us, SAMPLE_FIELD);
-        }
-        assert_eq!(take_samples(&mut instrument).len(), made, "{gap_us} us");
-    }
-}
-
-#[test]
-fn field_only_samples_do_not_wait_for_attitude() {
-    let mut instrument = field_only_instrument();
-    let made = read_samples(&mut instrument, 0..16);
-    assert_eq!(made.len(), 2);
-    assert!(made.iter().all(|sample| sample.attitude == RollPitch::default() && sample.field == SAMPLE_FIELD));
-    instrument.on_reading(us_after_start(16 * PERIOD_US), saturated_reading(SAMPLE_FIELD));
-    assert!(take_samples(&mut instrument).is_empty());
-}
-
-#[test]
 fn a_sample_mixes_no_readings_with_and_without_attitude() {
     let mut instrument = field_only_instrument();
     assert_eq!(read_samples(&mut instrument, 0..4), []);
@@ -347,26 +288,6 @@ fn a_recording_at_10_hz_passes_unchanged() {
         assert_eq!(estimate.attitude, Some(attitude), "row {row}");
         let sample = Sample { time: us_after_start(us).wrapping_millis(), ..Sample::new(field, attitude) };
         assert_eq!(take_samples(&mut instrument), [sample], "row {row}");
-    }
-}
-
-/// 20 s of attitude at 50 Hz with chips of 80, 155 and 200 Hz.
-#[test]
-fn a_faster_sensor_gives_as_many_samples() {
-    for (period_us, in_20_s) in [(12_500, 200), (6_452, 206), (5_000, 200)] {
-        let mut instrument = Instrument::new(InstrumentConfig::new(period_us));
-        let mut number = 0;
-        let mut reported_us = 0;
-        for us in (0..20_000_000_u64).step_by(period_us as usize) {
-            while reported_us <= us {
-                report_attitude(&mut instrument, reported_us, RollPitch::default());
-                reported_us += 20_000;
-            }
-            process_reading(&mut instrument, us, SAMPLE_FIELD);
-            number += take_samples(&mut instrument).len();
-        }
-        assert!((in_20_s - 2..=in_20_s).contains(&number), "{period_us} us: {number}");
-        assert_eq!(instrument.rejection_counts().unpaired_readings, 0);
     }
 }
 
@@ -408,21 +329,6 @@ fn no_report_or_reading_panics() {
             _ => drop(instrument.on_reading(at, reading_of_field(field))),
         }
         let _ = take_samples(&mut instrument);
-    }
-}
-
-#[test]
-fn with_unknown_inclination_any_inclination_is_accepted() {
-    for has_valid_inclination in [true, false] {
-        let mut instrument =
-            instrument_with(Correction { has_valid_inclination, ..correction_with(test_calibration()) });
-        report_attitude(&mut instrument, 0, RollPitch::default());
-        let steep = Field::new(RollPitch::default().to_body_frame(Field::earth_field(50.0, 1.4, 0.5)).ut);
-        assert_eq!(process_reading(&mut instrument, 0, steep).heading.is_ok(), !has_valid_inclination);
-        let strong = Field::new(steep.ut * 1.3);
-        report_attitude(&mut instrument, 900_000, RollPitch::default());
-        let disturbed = process_reading(&mut instrument, 900_000, strong);
-        assert_eq!(disturbed.heading, Err(NoHeading::FieldDisturbed));
     }
 }
 
@@ -475,16 +381,6 @@ fn a_correction_with_other_headings_restarts_the_smoothed_heading() {
         instrument.set_correction(changed.clone());
         assert_eq!(is_smoothed(&fly_level_turn(&mut instrument, 5.0, 1.0, 1.0)), is_continued, "{changed:?}");
     }
-}
-
-#[test]
-fn no_smoothed_heading_without_rates_or_a_raw_heading() {
-    assert!(!is_smoothed(&fly_level_turn(&mut calibrated_instrument(), 0.0, 10.0, 0.0)));
-    let mut instrument = calibrated_instrument();
-    assert!(fly_level_turn(&mut instrument, 0.0, 10.0, 1.0).last().unwrap().1.smoothed_heading.is_some());
-    let lost = instrument.on_reading(us_after_start(10_000_000), saturated_reading(SAMPLE_FIELD));
-    assert_eq!((lost.heading, lost.smoothed_heading), (Err(NoHeading::SensorSaturated), None));
-    assert_eq!(instrument.on_silence(us_after_start(10_200_000)).smoothed_heading, None);
 }
 
 /// Wrong rates also corrupt the monitor's states. A single report does not restart it.

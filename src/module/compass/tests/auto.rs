@@ -18,38 +18,6 @@ fn collecting_automatically(samples: &[Sample]) -> TestBed<'static> {
 }
 
 #[test]
-fn flying_starts_a_collection_and_calibrates() {
-    let mut bed = armed_vehicle();
-    let accuracy = bed.collect_until_end(&hover_samples(1)).unwrap().unwrap();
-    assert!(accuracy.quality.expected_rms_deg <= Settings::DEFAULT.accuracy_deg);
-    assert_eq!(bed.state(), ModuleState::Calibrated);
-    bed.collect(&hover_samples(2)[..100]);
-    assert_eq!(bed.state(), ModuleState::Calibrated);
-    assert!(!bed.status_report().is_automatic);
-}
-
-#[test]
-fn while_disarmed_no_samples_are_collected() {
-    let samples = hover_samples(3);
-    let mut bed = TestBed::new();
-    bed.report_armed(Some(false));
-    bed.collect(&samples[..100]);
-    assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
-    assert!(bed.status_report().awaits_arming && !bed.status_report().is_automatic);
-    let mut bed = collecting_automatically(&samples);
-    let (_, kept) = bed.state_and_fit_count();
-    assert!(kept > 20, "{kept}");
-    bed.report_armed(Some(false));
-    bed.collect(&samples[60..160]);
-    assert_eq!(bed.state_and_fit_count(), (ModuleState::Collecting, kept));
-    assert!(bed.status_report().awaits_arming);
-    assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle);
-    bed.report_armed(Some(true));
-    bed.collect(&samples[60..100]);
-    assert!(bed.state_and_fit_count().1 > kept);
-}
-
-#[test]
 fn without_armed_state_a_collection_starts_after_five_seconds() {
     let samples = hover_samples(4);
     let mut bed = TestBed::new();

@@ -123,19 +123,6 @@ fn commands_that_change_state_are_refused_during_a_save() {
     assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Calibrated);
 }
 
-#[test]
-fn an_abort_ends_a_solve_and_discards_the_samples() {
-    let mut bed = TestBed::new();
-    bed.start(Procedure::Turns);
-    bed.fly_turns(&complete_turns(1));
-    assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert!(!bed.compass.needs_solve_step());
-    assert_eq!(bed.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
-    bed.start(Procedure::Level);
-    assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    assert_eq!(bed.expect_refusal(Command::CalStop), Refusal::NotCollecting);
-}
-
 /// With a wrong mounting the indicator is idle before the solve, and shows the refusal after it until there is a
 /// calibration.
 #[test]
@@ -150,19 +137,4 @@ fn the_indicator_shows_a_refused_solve() {
     bed.set(SettingChange::new("MOUNT", Whole(0)));
     bed.calibrate(&complete_turns(1)).unwrap();
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Calibrated);
-}
-
-#[test]
-fn a_stopped_collection_keeps_its_samples() {
-    let mut bed = TestBed::new();
-    bed.start(Procedure::Turns);
-    bed.fly_turns(&few_turns(1));
-    let collected = bed.status_report().collection_progress;
-    let [left, right] = [CollectionPart::LEFT, CollectionPart::RIGHT].map(|part| collected.coverage_of(part).fit_count);
-    assert!(left >= 30 && right >= 30, "{collected:?}");
-    assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Uncalibrated);
-    assert_eq!(bed.expect_refusal(Command::CalStop), Refusal::NotCollecting);
-    bed.fly_turns(&few_turns(2));
-    assert_eq!(bed.status_report().collection_progress, collected, "nothing is collected any more");
-    assert!(bed.solve().is_ok());
 }

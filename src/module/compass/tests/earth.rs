@@ -34,16 +34,6 @@ impl TestBed<'_> {
     }
 }
 
-/// A module calibrated in few turns at a place, if that is known.
-fn calibrated_at(place: Option<Position>) -> TestBed<'static> {
-    let mut bed = TestBed::new();
-    if let Some(place) = place {
-        bed.report_place(place);
-    }
-    bed.calibrate(&few_turns(1)).unwrap();
-    bed
-}
-
 /// An estimator that jumps by 1100 km is accepted once the vehicle is disarmed, as after a transport, but never while
 /// it is armed or its armed state is unknown.
 #[test]
@@ -81,22 +71,6 @@ fn configured_declination_and_inclination_override_the_model() {
     }
     let written = Settings { inclination_deg: Some(60.0), ..Settings::DEFAULT };
     assert_eq!(bed.flash.settings, written, "without the model's angles");
-}
-
-#[test]
-fn the_model_s_inclination_reaches_the_solver() {
-    let without_deg = calibrated_at(None).calibrated_inclination_deg();
-    let with_deg = calibrated_at(Some(naples())).calibrated_inclination_deg();
-    assert!(with_deg > without_deg + 0.008, "{with_deg} {without_deg}");
-    let mut bed =
-        TestBed::with_setting(SettingChange::new("INCLINATION", Number(Some(model_field(naples()).inclination_deg))));
-    bed.calibrate(&few_turns(1)).unwrap();
-    assert!((bed.calibrated_inclination_deg() - with_deg).abs() < 1e-4);
-}
-
-#[test]
-fn a_model_inclination_contradicted_by_the_samples_is_ignored() {
-    assert_eq!(calibrated_at(Some(dresden())).active_record(), calibrated_at(None).active_record());
 }
 
 /// Unlike a flight, a tumble needs no attitude, and does not determine the inclination.

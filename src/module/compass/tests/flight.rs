@@ -3,30 +3,13 @@
 use core::slice;
 
 use super::*;
-use crate::synthetic::measured_sample;
-use autoswing::calibration::{AngleRates, Manoeuvre, MotorCurrent};
+use autoswing::calibration::{Manoeuvre, MotorCurrent};
 use nalgebra::Vector3;
 
 impl TestBed<'_> {
     fn trial_result(&mut self) -> Option<TrialResult> {
         self.status_report().last_trial
     }
-}
-
-#[test]
-fn a_flight_collection_ends_at_the_configured_accuracy() {
-    let durations_ms = [1.5, 0.5].map(|accuracy_deg| {
-        let mut bed = TestBed::with_accuracy(accuracy_deg);
-        let start = bed.time();
-        let accuracy = bed.collect_until_end(&hover_samples(1)).unwrap().unwrap();
-        let expected_deg = accuracy.quality.expected_rms_deg;
-        assert!(expected_deg <= accuracy_deg, "{expected_deg}");
-        assert_eq!(bed.state(), ModuleState::Calibrated);
-        assert!(rms(&airframe().errors_deg(&bed.active_record().calibration)) < 3.0 * expected_deg);
-        bed.time().ms_since(start)
-    });
-    // Yaw turns alone (40 s) do not suffice; a higher accuracy takes longer.
-    assert!(durations_ms[0] > 40_000 && durations_ms[0] < durations_ms[1], "{durations_ms:?}");
 }
 
 #[test]
@@ -101,50 +84,6 @@ fn trial_solves_are_ten_seconds_apart() {
     }
 }
 
-/// Only one trial follows, with the samples since the last one.
-#[test]
-fn a_vehicle_at_rest_causes_no_further_trial_solve() {
-    let mut bed = TestBed::with_accuracy(0.2);
-    let samples = hover_samples(5);
-    bed.collect(&samples[..80]);
-    bed.collect_until_trial(&[samples[79]; 60]);
-    bed.run_trial_solve();
-    let last_trial = bed.trial_result();
-    for _ in 0..540 {
-        bed.advance_clock(250);
-        bed.expect_none(Event::Sample(Sample { time: bed.time(), ..samples[79] }));
-        assert!(!bed.compass.needs_solve_step());
-    }
-    assert_eq!(bed.trial_result(), last_trial);
-    bed.collect(&samples[160..]);
-    assert_ne!(bed.trial_result(), last_trial);
-}
-
-/// At 10 samples/s and 20 deg/s: a vehicle that tilts by less than 10 deg is not calibrated in flight; with
-/// more tilt it is, in less than a minute.
-#[test]
-fn a_vehicle_without_tilt_is_not_calibrated_in_flight() {
-    let ends_after_s = |tilt_deg: f32| {
-        let (mut bed, mut random) = (TestBed::with_accuracy(3.0), Random(6));
-        for tenths in 0..1500_u16 {
-            let t_s = f32::from(tenths) * 0.1;
-            let attitude = RollPitch::from_deg(tilt_deg * (t_s / 1.1).sin(), tilt_deg * (t_s / 1.7).cos());
-            let sample = measured_sample(&airframe(), attitude, t_s * 0.35, 0.1, &mut random);
-            let (rates, time) =
-                (AngleRates::from_rad_s([0.0, 0.0, 0.35]), WrappingMillis::new(u32::from(tenths) * 100));
-            bed.expect_none(Event::Sample(Sample { rates, time, ..sample }));
-            while bed.compass.needs_solve_step() {
-                if matches!(bed.compass.process_event(Event::AdvanceSolve), Effect::Save) {
-                    return Ok(t_s);
-                }
-            }
-        }
-        Err(bed.solve().unwrap_err().stable_code())
-    };
-    assert!(ends_after_s(11.0).is_ok_and(|t_s| t_s < 60.0));
-    assert_eq!(ends_after_s(9.0), Err("unobservable"));
-}
-
 /// Runs the first trial, with this many samples before its first step and one before each further step up to twenty.
 fn collect_during_trial(samples_before_first_step: usize) -> TestBed<'static> {
     let mut bed = TestBed::with_accuracy(0.2);
@@ -163,15 +102,6 @@ fn collect_during_trial(samples_before_first_step: usize) -> TestBed<'static> {
     bed.run_trial_solve();
     assert_eq!(usize::from(bed.compass.collector.stored_count() - before), sample_count, "every one is stored");
     bed
-}
-
-/// The result does not depend on when samples arrive during a trial, whose own samples must not change.
-#[test]
-fn samples_during_a_trial_are_stored_after_it() {
-    let fit = |bed: &TestBed| bed.compass.collector.fit_samples().all_samples().copied().collect::<Vec<Sample>>();
-    let [mut early, mut late] = [20, 0].map(collect_during_trial);
-    assert_eq!(fit(&early), fit(&late));
-    assert!(early.trial_result().is_some() && early.trial_result() == late.trial_result());
 }
 
 #[test]
@@ -222,18 +152,4 @@ fn a_trial_solve_reports_a_refusal_in_flight() {
     assert_eq!((trial.refusal, trial.expected_error_deg), (Some(Refusal::Solve(contradicted)), None));
     bed.set(SettingChange::new("MOUNT", Whole(0)));
     assert!(bed.solve().is_ok());
-}
-
-#[test]
-fn a_collection_ends_though_its_calibration_is_no_better() {
-    let refused_count = (0..8)
-        .filter(|seed| {
-            let mut bed = TestBed::with_accuracy(0.5);
-            bed.collect_until_end(&hover_samples(20 + seed)).unwrap().unwrap();
-            bed.start(Procedure::Flight);
-            let second = bed.collect_until_end(&hover_samples(40 + seed)).expect("an end of the second collection");
-            second.is_err_and(|refusal| refusal.stable_code() == "not-better")
-        })
-        .count();
-    assert!(refused_count >= 1, "{refused_count}");
 }

@@ -3,7 +3,6 @@ mod commands;
 mod earth;
 mod flight;
 mod marks;
-mod refusals;
 mod restart;
 
 use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
@@ -13,10 +12,9 @@ use crate::settings::SettingValue::{Number, Numbers, Whole};
 use crate::settings::{HeadingKind, OutOfRange, PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::tests::calibration_record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
-use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, in_mount, multirotor_samples, rms};
+use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, in_mount, multirotor_samples};
 use autoswing::acceptance::Rejection;
-use autoswing::calibration::{Calibration, CollectionPart, Method, Orientation, Side, SolveError};
-use autoswing::collection::CollectionProblem;
+use autoswing::calibration::{Calibration, CollectionPart, Method, Orientation, SolveError};
 use autoswing::frames::{Field, RollPitch, Sensor};
 use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
 use autoswing::reading::{Identity, MagnetometerModel};
@@ -337,94 +335,12 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
 }
 
 #[test]
-fn full_turns_to_both_sides_give_a_calibration() {
-    let mut bed = TestBed::new();
-    assert_eq!(bed.state(), ModuleState::Uncalibrated);
-    bed.start(Procedure::Turns);
-    bed.fly_turns(&complete_turns(1));
-    assert_eq!(bed.state(), ModuleState::Solving);
-    while bed.state() == ModuleState::Solving {
-        bed.expect_none(Event::AdvanceSolve);
-    }
-    assert_eq!(bed.state(), ModuleState::Verifying);
-    assert!(matches!(bed.compass.process_event(Event::AdvanceSolve), Effect::Save));
-    assert_eq!(bed.state(), ModuleState::Verifying, "until it is written");
-    assert!(bed.compass.active_record().is_none());
-    let Effect::Notify(Message::Solved(Ok(accuracy))) = bed.save() else { panic!("no message") };
-    assert!(bed.compass.pending_change().is_none());
-    let written = bed.active_record();
-    let stored = bed.flash.stored_calibrations;
-    assert_eq!((stored.current_calibration, stored.previous_calibration), (Some(written), None));
-    assert_eq!((written.serial_number, written.sensor, written.mount), (1, SENSOR, Orientation::IDENTITY_ROTATION));
-    assert_eq!(accuracy, ExpectedAccuracy::new(written.quality, &written.calibration));
-    assert!(rms(&airframe().errors_deg(&written.calibration)) < 3.0 * accuracy.quality.expected_rms_deg);
-    assert_eq!(bed.compass.instrument_correction().calibration, Some((written.calibration, written.uncertainty)));
-    let report = bed.status_report();
-    assert_eq!((report.module_state, report.can_undo), (ModuleState::Calibrated, false));
-    assert_eq!(report.last_collection_outcome, Some(Message::Solved(Ok(accuracy))));
-    let summary = report.stored_calibration.unwrap();
-    assert_eq!((summary.serial_number, summary.expected_accuracy()), (1, accuracy));
-}
-
-#[test]
-fn a_new_collection_starts_without_samples() {
-    for stopped in [false, true] {
-        let mut bed = TestBed::new();
-        bed.start(Procedure::Turns);
-        bed.fly_turns(&few_turns(1));
-        if stopped {
-            bed.expect_done(Command::CalStop);
-            bed.start(Procedure::Turns);
-        } else {
-            assert_eq!(bed.expect_refusal(Command::CalStart(Procedure::Turns)).stable_code(), "collecting");
-            assert!(bed.status_report().collection_progress.coverage_of(CollectionPart::LEFT).fit_count > 0);
-            bed.expect_done(Command::CalStartNew(None));
-        }
-        assert_eq!(bed.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
-    }
-}
-
-#[test]
 fn without_a_sensor_calibration_is_refused() {
     let memory = &mut RetainedSamples::EMPTY.clone();
     let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory);
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.process_event(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
-    }
-}
-
-#[test]
-fn a_failed_solve_is_refused_with_the_solver_s_reason() {
-    let mut bed = TestBed::new();
-    assert_eq!(bed.expect_refusal(Command::CalSolve(None)), Refusal::NoSamples);
-    bed.start(Procedure::Turns);
-    bed.fly_turns(&RecordedTurns { right: Vec::new(), ..few_turns(1) });
-    // A known cause replaces the solver's error.
-    let insufficient = |code| Refusal::InsufficientSamples {
-        code,
-        expected_rms_deg: None,
-        cause: CollectionProblem::OneSideOnly(Side::Left).into(),
-    };
-    assert_eq!(bed.expect_refusal(Command::CalSolve(None)), insufficient("too-few-samples"));
-    // A given method is always tried.
-    bed.expect_done(Command::CalSolve(Some(Method::Ellipsoid)));
-    let refused = bed.finish_solve().unwrap_err();
-    assert_eq!(refused, insufficient("not-determined"));
-    assert_eq!(bed.status_report().last_collection_outcome, Some(Message::Solved(Err(refused))));
-    assert_eq!(bed.state(), ModuleState::Uncalibrated);
-}
-
-#[test]
-fn a_rejected_calibration_is_not_used() {
-    let accurate = AcceptancePolicy { max_expected_rms_deg: 0.01, ..AcceptancePolicy::DEFAULT };
-    let verified = AcceptancePolicy { min_held_back_samples: 1000, ..AcceptancePolicy::DEFAULT };
-    for (policy, code) in [(accurate, "not-accurate"), (verified, "too-few-held-back")] {
-        let mut bed = TestBed::start_in_new_memory(policy, &StoredValues::default());
-        let refused = bed.calibrate(&complete_turns(1)).unwrap_err();
-        assert!(matches!(refused, Refusal::Rejected(_)) && refused.stable_code() == code, "{refused:?}");
-        assert_eq!((bed.state(), bed.flash), (ModuleState::Uncalibrated, StoredValues::default()));
-        assert!(bed.compass.pending_change().is_none());
     }
 }
 
@@ -569,16 +485,6 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
     assert!(matches!(&effect, Effect::Notify(found) if *found == message), "{effect:?}");
     assert_eq!(bed.state(), ModuleState::Uncalibrated);
     assert_eq!(bed.status_report().last_collection_outcome, Some(message));
-}
-
-#[test]
-fn unexpected_events_are_ignored() {
-    let mut bed = TestBed::new();
-    bed.expect_none(Event::AdvanceSolve);
-    bed.expect_none(Event::Saved(Ok(())));
-    bed.start(Procedure::Turns);
-    bed.expect_none(Event::AdvanceSolve);
-    assert_eq!(bed.state(), ModuleState::Collecting);
 }
 
 #[test]

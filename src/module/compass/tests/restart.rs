@@ -48,28 +48,6 @@ impl Module {
     }
 }
 
-/// The calibration's RMS error is that of a run without a restart, to 0.25 deg, after one restart or one every 15 s.
-#[test]
-fn a_restarted_collection_ends_with_the_same_accuracy() {
-    let samples = hover_samples(1);
-    let error_with_restarts_at = |cuts: &[usize]| {
-        let (mut module, mut start) = (Module::new(), 0);
-        for &cut in cuts {
-            module.restart(|bed| bed.collect(&samples[start..cut]));
-            start = cut;
-        }
-        module.restart(|bed| {
-            bed.collect_until_end(&samples[start..]).expect("an end").unwrap();
-            rms(&airframe().errors_deg(&bed.active_record().calibration))
-        })
-    };
-    let uninterrupted_deg = error_with_restarts_at(&[]);
-    for cuts in [&[1][..], &[39], &[60], &[120], &[200], &[60, 120, 180]] {
-        let restarted_deg = error_with_restarts_at(cuts);
-        assert!((restarted_deg - uninterrupted_deg).abs() < 0.25, "{cuts:?}: {restarted_deg} {uninterrupted_deg}");
-    }
-}
-
 #[test]
 fn control_of_a_collection_survives_restarts() {
     let samples = hover_samples(1);
@@ -123,16 +101,6 @@ fn samples_survive_a_restart_in_a_solve_but_not_its_end() {
         bed.expect_done(Command::CalAbort);
     });
     module.restart(|bed| assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0)));
-}
-
-#[test]
-fn a_collection_whose_calibration_is_stored_is_discarded() {
-    let mut module = Module::after_collecting(&hover_samples(1)[..60]);
-    module.flash.stored_calibrations.current_calibration = Some(calibration_record(1));
-    module.restart(|bed| {
-        assert_eq!(bed.state_and_fit_count(), (ModuleState::Calibrated, 0));
-        assert_eq!(bed.compass.last_collection_outcome(), None);
-    });
 }
 
 /// Two writes per collection, at its first samples and its end; one if it ends with a calibration. A loss is reported
@@ -240,32 +208,4 @@ fn detected_protocols_are_written_once() {
         bed.set(SettingChange::new("PORT1", Whole(ProtocolKind::Mavlink as u32)));
         expect_written(bed, &[(10_000, DETECTED_PROTOCOLS, msp, 2), (20_000, DETECTED_PROTOCOLS, msp, 2)]);
     });
-}
-
-#[test]
-fn a_failed_save_of_protocols_is_not_repeated() {
-    let mut bed = TestBed::new();
-    let mut save_count = 0;
-    for second in 0..60 {
-        let now = WrappingMillis::new(second * 1000);
-        if let Effect::Save = bed.compass.process_event(Event::ProtocolsDetected(DETECTED_PROTOCOLS, now)) {
-            save_count += 1;
-            bed.expect_none(Event::Saved(Err(StoreError::Flash)));
-        }
-    }
-    assert_eq!(save_count, 1);
-}
-
-/// A collection without the flag in flash needs no write at its end.
-#[test]
-fn no_flash_write_happens_during_a_solve() {
-    let mut bed = TestBed::new();
-    bed.start(Procedure::Turns);
-    bed.fly_turns(&complete_turns(1));
-    assert!(bed.compass.needs_solve_step());
-    let idle_time = Event::ProtocolsDetected(NO_PROTOCOLS, bed.time());
-    bed.expect_none(idle_time);
-    bed.expect_none(Event::AdvanceSolve);
-    assert!(bed.finish_solve().is_ok());
-    bed.expect_none(idle_time);
 }

@@ -59,36 +59,6 @@ fn one_damaged_page_never_loses_both_calibrations() {
 }
 
 #[test]
-fn the_previous_calibration_replaces_a_damaged_one() {
-    let mut flash = flash_after_saves(2);
-    write_page(&mut flash, 2, &[0; PAGE_SIZE]);
-    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(&mut flash);
-    assert_eq!(error, Some(StoreError::Corrupt));
-    assert_eq!(
-        stored.stored_calibrations,
-        StoredCalibrations { current_calibration: None, previous_calibration: Some(calibration_record(1)) }
-    );
-    // After a save of settings the damage is still reported.
-    save_change(&mut flash, StoreChange::Settings(&settings())).unwrap();
-    assert_eq!(load_values(&mut flash), Err(StoreError::Corrupt));
-    let undone = StoredCalibrations {
-        current_calibration: stored.stored_calibrations.previous_calibration,
-        previous_calibration: None,
-    };
-    save_change(&mut flash, calibration_change(&undone)).unwrap();
-    assert_eq!(load_stored_calibrations(&mut flash), Ok(undone));
-}
-
-/// A complete item in the slot is not loaded unless its CRC is that in the state.
-#[test]
-fn a_slot_with_another_calibration_is_damaged() {
-    let mut flash = flash_after_saves(1);
-    write_page(&mut flash, 0, &encoded_item(&calibration_record(7)));
-    let LoadedValues { stored_values: stored, load_error: error } = load_readable_values(&mut flash);
-    assert_eq!((stored.stored_calibrations.current_calibration, error), (None, Some(StoreError::Corrupt)));
-}
-
-#[test]
 fn damaged_states_are_reported_and_replaced() {
     for fields in [vec![], vec![1, 2, 3], vec![1, 1, 0, 7]] {
         let mut item = vec![flash_page::STORE_FORMAT, fields.len() as u8, 0];
@@ -110,22 +80,4 @@ fn damaged_states_are_reported_and_replaced() {
         load_readable_values(&mut flash),
         LoadedValues { stored_values: StoredValues::default(), load_error: Some(StoreError::Corrupt) }
     );
-}
-
-#[test]
-fn damage_never_invents_a_calibration() {
-    let flash = flash_after_saves(5);
-    let stored: Vec<_> = (0..=5).map(calibration_record).map(Some).chain([None]).collect();
-    for position in 0..flash.bytes.len() {
-        if position % PAGE_SIZE > 600 {
-            continue; // Erased bytes behind the items.
-        }
-        let mut damaged = flash.clone();
-        damaged.bytes[position] ^= 0x5A;
-        let LoadedValues { stored_values: loaded, load_error: error } = load_readable_values(&mut damaged);
-        let StoredCalibrations { current_calibration: current, previous_calibration: previous } =
-            loaded.stored_calibrations;
-        assert!(stored.contains(&current) && stored.contains(&previous), "byte {position}");
-        assert!(error.is_some() || (current.is_some() && previous.is_some()), "byte {position}");
-    }
 }

@@ -105,22 +105,6 @@ fn stored_bytes_keep_their_meaning() {
     assert!(pinned_calibration_bytes().len() <= MAX_ITEM_SIZE / 2, "room for as many fields again");
 }
 
-#[test]
-fn a_state_refers_to_its_calibration() {
-    let mut flash = Flash::new(PAGE_COUNT);
-    let crc = u32::from_le_bytes(bytes_from_hex("a2dfd527").try_into().unwrap());
-    write_page(&mut flash, 3, &pinned_calibration_bytes());
-    write_page(
-        &mut flash,
-        5,
-        &encoded_item(&StoredState { current_slot: Some(SlotReference { slot: 3, crc }), ..stored_state() }),
-    );
-    let stored_calibrations =
-        StoredCalibrations { current_calibration: Some(full_calibration_record()), previous_calibration: None };
-    let StoredState { settings, startup_values, .. } = stored_state();
-    assert_eq!(load_values(&mut flash), Ok(StoredValues { settings, stored_calibrations, startup_values }));
-}
-
 fn encoded_field(tag: u8, value: &[u8]) -> Vec<u8> {
     [&[tag, value.len() as u8, 0], value].concat()
 }
@@ -179,17 +163,6 @@ fn a_missing_field_has_its_default() {
     assert_eq!(fields::decode_fields(&from_later), Ok(StoredState { settings, ..stored_state() }));
 }
 
-#[test]
-fn a_calibration_needs_every_field_but_the_sensor_offsets() {
-    let fields = split_into_fields(&encoded_fields(&full_calibration_record()));
-    assert_eq!(fields.len(), 27);
-    for (missing, _) in &fields[..25] {
-        let others = fields.iter().filter(|(tag, _)| tag != missing).flat_map(|(_, field)| field.clone());
-        let found: Result<CalibrationRecord, _> = fields::decode_fields(&others.collect::<Vec<_>>());
-        assert_eq!(found, Err(StoreError::Corrupt), "{missing}");
-    }
-}
-
 /// A new variant before the last would renumber the later ones.
 #[test]
 fn variants_keep_their_numbers() {
@@ -214,15 +187,6 @@ fn variants_keep_their_numbers() {
 }
 
 #[test]
-fn fields_beyond_the_buffer_are_rejected() {
-    let size = encoded_fields(&stored_state()).len();
-    for room in 0..size {
-        assert_eq!(fields::encode_fields(&stored_state(), &mut vec![0; room]), Err(StoreError::Full), "{room}");
-    }
-    assert_eq!(fields::encode_fields(&stored_state(), &mut vec![0; size]), Ok(size));
-}
-
-#[test]
 fn a_reference_beyond_the_slots_is_refused() {
     for (slot, valid) in [(3, true), (4, false), (255, false)] {
         let reference = Some(SlotReference { slot, crc: 1 });
@@ -231,22 +195,6 @@ fn a_reference_beyond_the_slots_is_refused() {
             StoredState { previous_slot: reference, ..stored_state() },
         ] {
             assert_eq!(flash_page::encode_item(&state, &mut [0; MAX_ITEM_SIZE]).is_ok(), valid, "{slot}");
-        }
-    }
-}
-
-#[test]
-fn truncated_fields_are_refused() {
-    for fields in [encoded_fields(&stored_state()), encoded_fields(&full_calibration_record())] {
-        let ends: Vec<_> = split_into_fields(&fields)
-            .iter()
-            .scan(0, |end, (_, field)| {
-                *end += field.len();
-                Some(*end)
-            })
-            .collect();
-        for length in (0..fields.len()).filter(|length| !ends.contains(length)) {
-            assert_eq!(fields::decode_fields::<StoredState>(&fields[..length]), Err(StoreError::Corrupt), "{length}");
         }
     }
 }

@@ -87,11 +87,6 @@ fn write_page(flash: &mut Flash, page: usize, bytes: &[u8]) {
     page[..bytes.len()].copy_from_slice(bytes);
 }
 
-fn changed_pages(before: &Flash, after: &Flash) -> Vec<usize> {
-    let pages = before.bytes.chunks(PAGE_SIZE).zip(after.bytes.chunks(PAGE_SIZE));
-    pages.enumerate().filter(|(_, (before, after))| before != after).map(|(page, _)| page).collect()
-}
-
 /// Flash after this number of saves of calibrations with serial numbers from 1.
 fn flash_after_saves(saves: u32) -> Flash {
     let mut flash = Flash::new(PAGE_COUNT);
@@ -146,61 +141,6 @@ fn settings_and_calibrations_do_not_disturb_each_other() {
 }
 
 #[test]
-fn an_accepted_calibration_writes_a_free_slot_and_a_state() {
-    let mut flash = flash_after_saves(1);
-    for serial in 2..12 {
-        let before = flash.clone();
-        save_calibration(&mut flash, serial).unwrap();
-        let [slot, state] = changed_pages(&before, &flash)[..] else { panic!("two pages") };
-        assert!(slot < CALIBRATION_SLOTS as usize && state >= CALIBRATION_SLOTS as usize, "{slot} {state}");
-        // Without the new state, the previous calibrations are loaded.
-        let mut undone = flash.clone();
-        write_page(&mut undone, state, &[]);
-        assert_eq!(load_stored_calibrations(&mut undone), Ok(stored_calibrations(serial - 1)));
-    }
-}
-
-#[test]
-fn undo_clear_and_settings_write_a_state_alone() {
-    let StoredCalibrations { current_calibration: current, previous_calibration: previous } = stored_calibrations(3);
-    let undone = StoredCalibrations { current_calibration: previous, previous_calibration: current };
-    for change in [calibration_change(&undone), StoreChange::Clear, StoreChange::Settings(&settings())] {
-        let mut flash = flash_after_saves(3);
-        let before = flash.clone();
-        save_change(&mut flash, change).unwrap();
-        let [state] = changed_pages(&before, &flash)[..] else { panic!("one page") };
-        assert!(state >= CALIBRATION_SLOTS as usize, "{state}");
-    }
-}
-
-#[test]
-fn states_are_written_to_each_page_in_turn() {
-    let mut flash = Flash::new(PAGE_COUNT);
-    for save in 0..10 {
-        let before = flash.clone();
-        save_change(&mut flash, StoreChange::Settings(&Settings { stream_rate_hz: 1 + save, ..settings() })).unwrap();
-        assert_eq!(changed_pages(&before, &flash), [4 + usize::from(save) % 4]);
-    }
-}
-
-#[test]
-fn only_the_region_is_touched() {
-    let mut flash = Flash::new(PAGE_COUNT);
-    flash.bytes.fill(0x5A);
-    let region = PAGE_SIZE as u32..(7 * PAGE_SIZE) as u32;
-    for serial in 1..=12 {
-        block_on(Store::new(&mut flash, region.clone()).save_change(calibration_change(&stored_calibrations(serial))))
-            .unwrap();
-    }
-    let untouched =
-        |page: usize| flash.bytes[page * PAGE_SIZE..(page + 1) * PAGE_SIZE].iter().all(|&byte| byte == 0x5A);
-    let pages: Vec<bool> = (0..PAGE_COUNT).map(untouched).collect();
-    assert_eq!(pages, [true, false, false, false, false, false, false, true]);
-    let found = block_on(Store::new(&mut flash, region).load_state());
-    assert_eq!((found.stored_values.stored_calibrations, found.load_error), (stored_calibrations(12), None));
-}
-
-#[test]
 #[should_panic(expected = "assertion failed")]
 fn a_region_that_is_too_small_is_refused() {
     let _ = Store::new(&mut Flash::new(PAGE_COUNT), 0..(5 * PAGE_SIZE) as u32);
@@ -220,21 +160,4 @@ fn a_stored_calibration_clears_the_collecting_flag() {
         save_change(&mut flash, change).unwrap();
         assert_eq!(load_values(&mut flash).unwrap().startup_values, StartupValues { is_collecting, ..startup_values });
     }
-}
-
-#[test]
-fn undo_twice_is_redo() {
-    let mut calibrations = StoredCalibrations::default();
-    (1..=2).for_each(|serial| calibrations.make_current(&calibration_record(serial)));
-    let serials = |calibrations: &StoredCalibrations| {
-        [calibrations.current_calibration, calibrations.previous_calibration]
-            .map(|record| record.map(|r| r.serial_number))
-    };
-    assert_eq!(serials(&calibrations), [Some(2), Some(1)]);
-    for undone in [[Some(1), Some(2)], [Some(2), Some(1)]] {
-        calibrations.undo_last();
-        assert_eq!(serials(&calibrations), undone);
-    }
-    calibrations.clear();
-    assert_eq!(calibrations, StoredCalibrations::default());
 }

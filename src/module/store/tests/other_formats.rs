@@ -86,20 +86,3 @@ fn a_power_cut_while_clearing_leaves_the_other_format_or_the_defaults() {
         }
     }
 }
-
-/// An unreadable flash is not written; a page that cannot be erased is reported.
-#[test]
-fn a_flash_that_fails_is_not_cleared() {
-    for (case, flash) in flashes_with_other_format() {
-        let mut copy = flash.clone();
-        copy.unreadable = Some((0..PAGE_SIZE, usize::MAX));
-        assert_eq!(save_change(&mut copy, StoreChange::Clear), Err(StoreError::Flash), "{case}");
-        assert_eq!((copy.operation_count, &copy.bytes), (0, &flash.bytes), "{case}");
-        let mut complete = flash.clone();
-        save_change(&mut complete, StoreChange::Clear).unwrap();
-        for last in [complete.operation_count - 1, 0] {
-            let mut cut = flash.cut_at(last, (CutProgress::Before, 0));
-            assert_eq!(save_change(&mut cut, StoreChange::Clear), Err(StoreError::Flash), "{case}");
-        }
-    }
-}

@@ -1,7 +1,6 @@
 //! Values out of their ranges are neither stored nor loaded.
 
 use super::*;
-use crate::settings::{SETTINGS, SettingValue, SigningKey};
 use crate::store::fields::FieldVisitor;
 
 /// A value without range checks.
@@ -35,35 +34,6 @@ fn assert_validity<T: StoredFields + PartialEq + core::fmt::Debug>(value: &T, va
     } else {
         assert_eq!(encoded, Err(StoreError::Invalid), "{label}");
         assert_eq!(fields::decode_fields::<T>(fields), Err(StoreError::Corrupt), "{label}");
-    }
-}
-
-/// Every setting, with the ends of its range and its special values, is stored and loaded. Values out of their ranges
-/// are neither; `settings` tests the ranges.
-#[test]
-fn settings_are_kept_up_to_the_ends_of_their_ranges() {
-    for setting in &SETTINGS {
-        let words = (0..).map_while(|index| setting.nth_word(index)).map(|(_, value)| value);
-        let key = SettingValue::Key(Some(SigningKey([7; 32])));
-        for value in setting.value_range().into_iter().flatten().chain(words).chain([key]) {
-            let Some(change) = setting.change_to(value) else { continue };
-            let settings = settings().with_setting(change).unwrap();
-            assert_validity(&StoredState { settings, ..StoredState::default() }, true, &format!("{change:?}"));
-        }
-    }
-    let rows_with_a_number: [fn(&mut Settings, f32); 3] = [
-        |settings, number| settings.declination_deg = Some(number),
-        |settings, number| settings.align_deg = number,
-        |settings, number| settings.accuracy_deg = number,
-    ];
-    for (set, number) in rows_with_a_number.iter().flat_map(|set| [180.1, -180.1, f32::NAN].map(|n| (set, n))) {
-        let mut settings = settings();
-        set(&mut settings, number);
-        assert_validity(&StoredState { settings, ..StoredState::default() }, false, &format!("{number}"));
-    }
-    for (mount, stream_rate_hz) in [(24, 10), (255, 10), (0, 0), (0, 81)] {
-        let settings = Settings { mount: Orientation::from_number(mount), stream_rate_hz, ..settings() };
-        assert_validity(&StoredState { settings, ..StoredState::default() }, false, "mount or rate");
     }
 }
 

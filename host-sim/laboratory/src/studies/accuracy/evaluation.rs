@@ -1,6 +1,7 @@
 //! Plan of the accuracy studies, and the evaluation of their solves.
 
 use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
+use log_analysis::numbers::median;
 use log_analysis::score::{accepted_by_uncalibrated, within_percent};
 use serde::Serialize;
 
@@ -30,7 +31,7 @@ pub struct SigmaCoverage {
 }
 
 /// Coverage is evaluated for every fifth noise realisation.
-pub(super) const COVERAGE_DRAW_INTERVAL: u64 = 5;
+const COVERAGE_DRAW_INTERVAL: u64 = 5;
 
 const HEADING_COUNT: usize = 16;
 
@@ -38,9 +39,9 @@ const HEADING_COUNT: usize = 16;
 #[derive(Clone, Copy, Default)]
 pub(super) struct SolveCounts {
     pub(super) completed_solves: u32,
-    pub(super) refused_solves: u32,
-    pub(super) accepted_solves: u32,
-    pub(super) wrong_solves: u32,
+    refused_solves: u32,
+    accepted_solves: u32,
+    wrong_solves: u32,
     /// Sum of the mean squared heading errors of all solves, square degrees.
     mean_square_error_sum: f64,
 }
@@ -67,12 +68,70 @@ impl SolveCounts {
     }
 }
 
+/// Solves of all airframes by one method.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SolveResults {
+    /// Solves that returned coefficients, percent.
+    pub converged_percent: f64,
+    /// Solves that an uncalibrated module accepts, percent.
+    pub accepted_percent: f64,
+    /// Accepted solves with a true RMS error above three times the estimated one.
+    #[serde(rename = "wrong")]
+    pub wrong_calibrations: u32,
+    /// RMS heading error, median over the airframes, degrees.
+    pub rms_median_deg: f64,
+}
+
+impl SolveResults {
+    pub(super) fn of_airframes(airframes: &[&SolveCounts]) -> Self {
+        let total = |count: fn(&SolveCounts) -> u32| airframes.iter().map(|counts| count(counts)).sum::<u32>();
+        let solve_count = total(|counts| counts.completed_solves + counts.refused_solves).max(1);
+        let percent = |count: u32| 100.0 * f64::from(count) / f64::from(solve_count);
+        let solved = airframes.iter().filter(|counts| counts.completed_solves > 0);
+        Self {
+            converged_percent: percent(total(|counts| counts.completed_solves)),
+            accepted_percent: percent(total(|counts| counts.accepted_solves)),
+            wrong_calibrations: total(|counts| counts.wrong_solves),
+            rms_median_deg: median(solved.map(|counts| counts.rms_deg())),
+        }
+    }
+}
+
+/// Heading errors over their sigmas, without and with the constant errors that the solver considers.
+#[derive(Default)]
+pub(super) struct NormalisedErrors([Vec<f64>; 2]);
+
+impl NormalisedErrors {
+    /// Adds the headings after a flight of every fifth draw, which `record_flight` simulates.
+    pub(super) fn add_draw(
+        &mut self,
+        trial: &RandomFlight,
+        draw: u64,
+        record_flight: impl Fn(ConstantErrorSigmas) -> (Recording, LaterMeasurementSource),
+    ) {
+        if draw.is_multiple_of(COVERAGE_DRAW_INTERVAL) {
+            for (errors, consider) in self.0.iter_mut().zip([ConsiderSigmas::ZERO, ConsiderSigmas::DEFAULT]) {
+                errors.extend(normalised_errors_after_calibration(trial, consider, &record_flight));
+            }
+        }
+    }
+
+    /// Coverage over all airframes.
+    pub(super) fn coverage(airframes: &[&Self]) -> [SigmaCoverage; 2] {
+        [0, 1].map(|kind| {
+            let errors: Vec<f64> = airframes.iter().flat_map(|errors| &errors.0[kind]).copied().collect();
+            let [one_sigma_percent, two_sigma_percent] = within_percent(&errors);
+            SigmaCoverage { one_sigma_percent, two_sigma_percent, headings: errors.len() }
+        })
+    }
+}
+
 /// Heading errors after a calibration flight, divided by their sigmas. The flight has exactly the attitude errors
 /// considered by the solver; `record_flight` simulates them.
-pub(super) fn normalised_errors_after_calibration(
+fn normalised_errors_after_calibration(
     trial: &RandomFlight,
     consider: ConsiderSigmas,
-    record_flight: impl FnOnce(ConstantErrorSigmas) -> (Recording, LaterMeasurementSource),
+    record_flight: impl Fn(ConstantErrorSigmas) -> (Recording, LaterMeasurementSource),
 ) -> Vec<f64> {
     let (recording, mut source) = record_flight(ConstantErrorSigmas::from_considered(consider));
     let Ok(solution) = solve_samples(Method::MaximumLikelihood, recording.fit_samples(), consider) else {
@@ -88,9 +147,4 @@ pub(super) fn solve_samples(
 ) -> Result<Solution, SolveError> {
     // Samples are single measurements, as are the evaluated headings.
     Solver::with_consider_sigmas(method, samples, &Prior::default(), consider)?.run(samples)
-}
-
-pub(super) fn sigma_coverage(normalised_errors: &[f64]) -> SigmaCoverage {
-    let [one_sigma_percent, two_sigma_percent] = within_percent(normalised_errors);
-    SigmaCoverage { one_sigma_percent, two_sigma_percent, headings: normalised_errors.len() }
 }

@@ -9,10 +9,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
-use super::evaluation::{
-    AccuracyPlan, COVERAGE_DRAW_INTERVAL, SigmaCoverage, SolveCounts, normalised_errors_after_calibration,
-    sigma_coverage, solve_samples,
-};
+use super::evaluation::{AccuracyPlan, NormalisedErrors, SigmaCoverage, SolveCounts, SolveResults, solve_samples};
 use super::flight::{FlightPattern, StudyFlight};
 use super::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges, StudyEnvelope};
 use super::{cramer_rao, d_optimal, retention};
@@ -29,15 +26,9 @@ pub struct FlightStudyRow {
     /// Number of retained samples, median over the airframes.
     #[serde(rename = "readings")]
     pub retained_samples_median: f64,
-    /// Solves that returned coefficients, percent.
-    pub converged_percent: f64,
-    /// Solves that an uncalibrated module accepts, percent.
-    pub accepted_percent: f64,
-    /// Accepted solves with a true RMS error above three times the estimated one.
-    #[serde(rename = "wrong")]
-    pub wrong_calibrations: u32,
-    /// RMS heading error, median over the airframes, degrees.
-    pub rms_median_deg: f64,
+    /// Solves, and their error.
+    #[serde(flatten)]
+    pub solves: SolveResults,
     /// RMS heading error, 90th percentile over the airframes, degrees.
     pub rms_worst_decile_deg: f64,
     /// RMS heading error over the bound of the retained samples, median: loss of the solver.
@@ -84,9 +75,7 @@ struct FlightResult {
     retained_bound_deg: f64,
     best_bound_deg: f64,
     solve_counts: SolveCounts,
-    /// Heading errors over their estimated sigmas.
-    normalised_errors: Vec<f64>,
-    normalised_errors_with_faults: Vec<f64>,
+    errors: NormalisedErrors,
 }
 
 impl FlightResult {
@@ -108,8 +97,7 @@ impl FlightResult {
             retained_bound_deg: cramer_rao::bound_deg_of_samples(&trial, kept_samples)?,
             best_bound_deg: d_optimal::bound_rms_deg(&trial, retained_count)?,
             solve_counts: SolveCounts::default(),
-            normalised_errors: Vec::new(),
-            normalised_errors_with_faults: Vec::new(),
+            errors: NormalisedErrors::default(),
         };
         for draw in 0..draws {
             let recording =
@@ -117,64 +105,34 @@ impl FlightResult {
             let solution =
                 solve_samples(Method::MaximumLikelihood, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.solve_counts.add_solution(&trial, &recording, solution.as_ref());
-            if draw % COVERAGE_DRAW_INTERVAL == 0 {
-                let record = |faults| {
-                    let (samples, source) = trial.record_all_samples(draw, faults);
-                    (retention::retain_samples(&samples), source)
-                };
-                flight_result.normalised_errors.extend(normalised_errors_after_calibration(
-                    &trial,
-                    ConsiderSigmas::ZERO,
-                    record,
-                ));
-                flight_result.normalised_errors_with_faults.extend(normalised_errors_after_calibration(
-                    &trial,
-                    ConsiderSigmas::DEFAULT,
-                    record,
-                ));
-            }
+            flight_result.errors.add_draw(&trial, draw, |faults| {
+                let (samples, source) = trial.record_all_samples(draw, faults);
+                (retention::retain_samples(&samples), source)
+            });
         }
         Some(flight_result)
     }
 }
 
 fn study_row(flight: StudyFlight, trials: &[FlightResult]) -> FlightStudyRow {
-    let total_count = |count_of: fn(&SolveCounts) -> u32| {
-        trials.iter().map(|flight_result| count_of(&flight_result.solve_counts)).sum::<u32>()
-    };
-    let (solved_count, refused_count) = (
-        total_count(|solve_counts| solve_counts.completed_solves),
-        total_count(|solve_counts| solve_counts.refused_solves),
-    );
-    let percent = |solve_count: u32| 100.0 * f64::from(solve_count) / f64::from((solved_count + refused_count).max(1));
-    let solved_ones = || trials.iter().filter(|flight_result| flight_result.solve_counts.completed_solves > 0);
-    let rms_deg = |solve_count| {
-        quantile(solved_ones().map(|flight_result| flight_result.solve_counts.rms_deg()), solve_count)
-            .unwrap_or(f64::NAN)
-    };
-    let ratios =
-        || solved_ones().map(|flight_result| flight_result.solve_counts.rms_deg() / flight_result.best_bound_deg);
-    let kept_ratios =
-        solved_ones().map(|flight_result| flight_result.solve_counts.rms_deg() / flight_result.retained_bound_deg);
-    let all_of = |errors: fn(&FlightResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
+    let solved_ones = || trials.iter().filter(|trial| trial.solve_counts.completed_solves > 0);
+    let ratios: Vec<f64> = solved_ones().map(|trial| trial.solve_counts.rms_deg() / trial.best_bound_deg).collect();
+    let worst_decile = |values: Vec<f64>| quantile(values, 0.9).unwrap_or(f64::NAN);
+    let [coverage, coverage_with_faults] =
+        NormalisedErrors::coverage(&trials.iter().map(|trial| &trial.errors).collect::<Vec<_>>());
     FlightStudyRow {
         aircraft: flight.kind.vehicle_name(),
         pattern: flight.flight_pattern,
         minutes: flight.duration_minutes,
-        retained_samples_median: median(trials.iter().map(|flight_result| flight_result.retained_count as f64)),
-        converged_percent: percent(solved_count),
-        accepted_percent: percent(total_count(|solve_counts| solve_counts.accepted_solves)),
-        wrong_calibrations: total_count(|solve_counts| solve_counts.wrong_solves),
-        rms_median_deg: rms_deg(0.5),
-        rms_worst_decile_deg: rms_deg(0.9),
-        solver_loss_median: median(kept_ratios),
-        selection_loss_median: median(
-            trials.iter().map(|flight_result| flight_result.retained_bound_deg / flight_result.best_bound_deg),
-        ),
-        best_bound_median_deg: median(trials.iter().map(|flight_result| flight_result.best_bound_deg)),
-        error_to_best_bound_median: median(ratios()),
-        error_to_best_bound_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
-        coverage: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_errors)),
-        coverage_with_faults: sigma_coverage(&all_of(|flight_result| &flight_result.normalised_errors_with_faults)),
+        retained_samples_median: median(trials.iter().map(|trial| trial.retained_count as f64)),
+        solves: SolveResults::of_airframes(&trials.iter().map(|trial| &trial.solve_counts).collect::<Vec<_>>()),
+        rms_worst_decile_deg: worst_decile(solved_ones().map(|trial| trial.solve_counts.rms_deg()).collect()),
+        solver_loss_median: median(solved_ones().map(|trial| trial.solve_counts.rms_deg() / trial.retained_bound_deg)),
+        selection_loss_median: median(trials.iter().map(|trial| trial.retained_bound_deg / trial.best_bound_deg)),
+        best_bound_median_deg: median(trials.iter().map(|trial| trial.best_bound_deg)),
+        error_to_best_bound_median: median(ratios.iter().copied()),
+        error_to_best_bound_worst_decile: worst_decile(ratios),
+        coverage,
+        coverage_with_faults,
     }
 }

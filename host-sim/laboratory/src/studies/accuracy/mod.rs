@@ -18,11 +18,9 @@ use autoswing::calibration::{ConsiderSigmas, Method};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-pub use evaluation::{AccuracyPlan, SigmaCoverage};
+pub use evaluation::{AccuracyPlan, SigmaCoverage, SolveResults};
 
-use evaluation::{
-    COVERAGE_DRAW_INTERVAL, SolveCounts, normalised_errors_after_calibration, sigma_coverage, solve_samples,
-};
+use evaluation::{NormalisedErrors, SolveCounts, solve_samples};
 use random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 
 use log_analysis::numbers::{median, quantile};
@@ -32,15 +30,9 @@ use log_analysis::numbers::{median, quantile};
 pub struct MethodResult {
     /// Method name.
     pub method: &'static str,
-    /// Solves that returned coefficients, percent.
-    pub converged_percent: f64,
-    /// Solves that an uncalibrated module accepts, percent.
-    pub accepted_percent: f64,
-    /// Accepted solves with a true RMS error above three times the estimated one.
-    #[serde(rename = "wrong")]
-    pub wrong_calibrations: u32,
-    /// RMS heading error, median over the airframes, degrees.
-    pub rms_median_deg: f64,
+    /// Solves, and their error.
+    #[serde(flatten)]
+    pub solves: SolveResults,
     /// RMS heading error over the bound, median over the airframes.
     pub ratio_median: f64,
     /// RMS heading error over the bound, 90th percentile over the airframes.
@@ -76,22 +68,20 @@ pub fn run_accuracy_study(plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Syn
             airframe_result
         })
         .collect();
-    let all_of =
-        |errors: fn(&AirframeResult) -> &Vec<f64>| trials.iter().flat_map(errors).copied().collect::<Vec<f64>>();
+    let [coverage, coverage_with_faults] =
+        NormalisedErrors::coverage(&trials.iter().map(|trial| &trial.errors).collect::<Vec<_>>());
     AccuracyResult {
         bound_median_deg: median(trials.iter().map(|trial| trial.bound_deg)),
         methods: COMPARED_METHODS.iter().enumerate().map(|(i, &method)| method_result(&trials, i, method)).collect(),
-        coverage: sigma_coverage(&all_of(|trial| &trial.normalised_errors)),
-        coverage_with_faults: sigma_coverage(&all_of(|trial| &trial.normalised_errors_with_faults)),
+        coverage,
+        coverage_with_faults,
     }
 }
 
 struct AirframeResult {
     bound_deg: f64,
     solve_counts_by_method: [SolveCounts; COMPARED_METHODS.len()],
-    /// Heading errors over their estimated sigmas.
-    normalised_errors: Vec<f64>,
-    normalised_errors_with_faults: Vec<f64>,
+    errors: NormalisedErrors,
 }
 
 impl AirframeResult {
@@ -99,8 +89,7 @@ impl AirframeResult {
         let mut airframe_result = Self {
             bound_deg: cramer_rao::bound_rms_deg(trial)?,
             solve_counts_by_method: [SolveCounts::default(); COMPARED_METHODS.len()],
-            normalised_errors: Vec::new(),
-            normalised_errors_with_faults: Vec::new(),
+            errors: NormalisedErrors::default(),
         };
         for draw in 0..draws {
             let (recording, _) = trial.record_flight(draw, ConstantErrorSigmas::NO_ERRORS);
@@ -111,34 +100,20 @@ impl AirframeResult {
                     solve_samples(method, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok().as_ref(),
                 );
             }
-            if draw % COVERAGE_DRAW_INTERVAL == 0 {
-                let headings = |consider| {
-                    normalised_errors_after_calibration(trial, consider, |faults| trial.record_flight(draw, faults))
-                };
-                airframe_result.normalised_errors.extend(headings(ConsiderSigmas::ZERO));
-                airframe_result.normalised_errors_with_faults.extend(headings(ConsiderSigmas::DEFAULT));
-            }
+            airframe_result.errors.add_draw(trial, draw, |faults| trial.record_flight(draw, faults));
         }
         Some(airframe_result)
     }
 }
 
 fn method_result(trials: &[AirframeResult], index: usize, method: Method) -> MethodResult {
-    let trials_with_counts = || trials.iter().map(|trial| (trial, &trial.solve_counts_by_method[index]));
-    let total_count =
-        |count_of: fn(&SolveCounts) -> u32| trials_with_counts().map(|(_, counts)| count_of(counts)).sum::<u32>();
-    let (solved_count, refused_count) =
-        (total_count(|counts| counts.completed_solves), total_count(|counts| counts.refused_solves));
-    let percent = |solve_count: u32| 100.0 * f64::from(solve_count) / f64::from((solved_count + refused_count).max(1));
-    let solved_ones = || trials_with_counts().filter(|(_, counts)| counts.completed_solves > 0);
-    let ratios = || solved_ones().map(|(trial, counts)| counts.rms_deg() / trial.bound_deg);
+    let airframes = || trials.iter().map(|trial| (trial, &trial.solve_counts_by_method[index]));
+    let solved_ones = airframes().filter(|(_, counts)| counts.completed_solves > 0);
+    let ratios: Vec<f64> = solved_ones.map(|(trial, counts)| counts.rms_deg() / trial.bound_deg).collect();
     MethodResult {
         method: method.method_name(),
-        converged_percent: percent(solved_count),
-        accepted_percent: percent(total_count(|counts| counts.accepted_solves)),
-        wrong_calibrations: total_count(|counts| counts.wrong_solves),
-        rms_median_deg: median(solved_ones().map(|(_, counts)| counts.rms_deg())),
-        ratio_median: median(ratios()),
-        ratio_worst_decile: quantile(ratios(), 0.9).unwrap_or(f64::NAN),
+        solves: SolveResults::of_airframes(&airframes().map(|(_, counts)| counts).collect::<Vec<_>>()),
+        ratio_median: median(ratios.iter().copied()),
+        ratio_worst_decile: quantile(ratios, 0.9).unwrap_or(f64::NAN),
     }
 }

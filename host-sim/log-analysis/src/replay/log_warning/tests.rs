@@ -1,6 +1,6 @@
 use super::*;
-use crate::log::ParameterHistory;
 use crate::log::time_series::Series;
+use crate::log::{ParameterHistory, RatesProblem};
 use crate::replay::field_latency::FieldLatency;
 use crate::replay::parameter_export::CorrectedTerms;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
@@ -24,7 +24,7 @@ fn warnings_after(change: FlightChange) -> Vec<String> {
         corrected_terms: CorrectedTerms::All,
         attitude_interval_s: 0.1,
     };
-    LogWarning::warnings_of_flight(&flight, &evaluation).iter().map(ToString::to_string).collect()
+    warnings_of_flight(&flight, &evaluation)
 }
 
 fn push_test_ratios(flight: &mut LoggedFlight, ratios: [f32; 2]) {
@@ -83,12 +83,9 @@ fn make_level_table(flight: &mut LoggedFlight) {
 fn added_warnings(change: fn(&mut LoggedFlight, &mut FlightEvaluation)) -> Vec<String> {
     let (mut flight, compass) = compass_of_flown_turns();
     let mut evaluation = evaluation_of_compasses(vec![compass.clone(), compass]);
-    let texts = |flight: &LoggedFlight, evaluation: &FlightEvaluation| -> Vec<String> {
-        LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
-    };
-    let before = texts(&flight, &evaluation);
+    let before = warnings_of_flight(&flight, &evaluation);
     change(&mut flight, &mut evaluation);
-    texts(&flight, &evaluation).into_iter().filter(|text| !before.contains(text)).collect()
+    warnings_of_flight(&flight, &evaluation).into_iter().filter(|text| !before.contains(text)).collect()
 }
 
 /// The GPS course of a copter is not used as a reference.

@@ -2,13 +2,9 @@ use autoswing::calibration::{AttitudeLatency, Solution};
 
 use super::*;
 use crate::log::LoggedCompass;
-use crate::replay::log_warning::LogWarning;
+use crate::replay::log_warning::warnings_of_flight;
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::verdict::{CompassAction, CompassState, Verdict};
-
-fn warning_texts(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> Vec<String> {
-    LogWarning::warnings_of_flight(flight, evaluation).iter().map(ToString::to_string).collect()
-}
 
 #[test]
 fn the_time_of_the_calibration_is_on_the_log_s_clock() {
@@ -29,7 +25,7 @@ fn missing_parameters_are_reported() {
         for name in names {
             flight.parameters.set_value(0.0, name, 1.0);
         }
-        warning_texts(&flight, &evaluation_of_compasses(vec![compass]))
+        warnings_of_flight(&flight, &evaluation_of_compasses(vec![compass]))
             .into_iter()
             .filter(|note| note.contains("parameters"))
             .collect::<Vec<_>>()
@@ -44,7 +40,7 @@ fn missing_parameters_are_reported() {
 fn a_slow_attitude_is_reported() {
     for (attitude_interval_s, is_reported) in [(0.4, true), (0.2, false)] {
         let (flight, evaluation) = FLOWN_TURNS.clone();
-        let texts = warning_texts(&flight, &FlightEvaluation { attitude_interval_s, ..evaluation });
+        let texts = warnings_of_flight(&flight, &FlightEvaluation { attitude_interval_s, ..evaluation });
         assert_eq!(texts.iter().any(|text| text.contains("attitude is logged 2.5 times a second")), is_reported);
     }
 }
@@ -161,7 +157,7 @@ fn reports_contain_the_numbers_of_the_evaluation() {
 
     let json = verdict.json();
     let object = &json["compasses"][0];
-    assert_eq!(json["notes"], serde_json::json!(warning_texts(&flight, &evaluation)));
+    assert_eq!(json["notes"], serde_json::json!(warnings_of_flight(&flight, &evaluation)));
     assert_eq!(json["log"]["attitude_hz"], 10.0);
     let decimals = |value: f64| numbers::round_to(value, 3);
     let expected_rms_deg = |solution: &Solution| decimals(f64::from(solution.quality.expected_rms_deg));

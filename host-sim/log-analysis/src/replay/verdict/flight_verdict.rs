@@ -5,7 +5,7 @@ use crate::log::LoggedFlight;
 use crate::numbers::format_number;
 use crate::replay::compass_agreement::{Disagreement, disagreement};
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
-use crate::replay::log_warning::LogWarning;
+use crate::replay::log_warning::warnings_of_flight;
 use crate::replay::logged_accuracy::logged_accuracy;
 use crate::replay::parameter_choice::{NoParameters, choose_parameters, provable_orientation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
@@ -20,7 +20,7 @@ pub struct Verdict<'a> {
     /// Evaluation of the flight.
     pub evaluation: &'a FlightEvaluation,
     /// Warnings about the log.
-    pub log_warnings: Vec<LogWarning>,
+    pub log_warnings: Vec<String>,
     /// The compasses, by number.
     pub compasses: Vec<CompassVerdict<'a>>,
     /// Format of the parameters.
@@ -84,7 +84,7 @@ impl<'a> Verdict<'a> {
         Self {
             flight,
             evaluation,
-            log_warnings: LogWarning::warnings_of_flight(flight, evaluation),
+            log_warnings: warnings_of_flight(flight, evaluation),
             compasses: evaluation.compasses.iter().map(compass).collect(),
             parameter_format: format,
         }

@@ -29,7 +29,7 @@ pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigi
     Report {
         title: format!("Flight {}", log_name.rsplit(['/', '\\']).next().unwrap_or(log_name)),
         verdicts: verdict.compasses_in_use_first().into_iter().map(verdict_line).collect(),
-        log_warnings: verdict.log_warnings.iter().map(ToString::to_string).collect(),
+        log_warnings: verdict.log_warnings.clone(),
         reference: reference_info(evaluation),
         calibrators: CalibratorComparison {
             compasses: evaluation

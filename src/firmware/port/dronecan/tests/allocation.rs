@@ -143,23 +143,6 @@ fn only_an_allocator_continues_an_exchange() {
     }
 }
 
-/// Clients that start together are separated by their delays.
-#[test]
-fn delays_are_random_over_their_whole_range() {
-    for (part_length, [least_ms, longest_ms]) in [(0, [600, 1000]), (6, [0, 400])] {
-        let delays = (0..50).map(|first_id_byte| {
-            let unique_id = node_info(first_id_byte).unique_id;
-            request_delay_ms(&mut AllocationClient::new(unique_id), Some(PEER_NODE), &unique_id[..part_length])
-        });
-        let delays: Vec<u64> = delays.collect();
-        let (least, longest) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
-        assert!(
-            (least_ms..least_ms + 50).contains(least) && (longest_ms - 50..=longest_ms).contains(longest),
-            "{delays:?}"
-        );
-    }
-}
-
 /// A bus with another bit rate has no valid frames. Without an allocator the node asks every 0.6 to 1 s.
 #[test]
 fn a_node_is_silent_until_it_receives_a_frame_and_then_only_asks_for_a_number() {

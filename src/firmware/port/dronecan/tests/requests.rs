@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing_module::settings::SettingValue::{Key, Number, Numbers, Whole};
-use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SigningKey};
+use autoswing_module::settings::SettingValue::{Key, Whole};
+use autoswing_module::settings::{SettingChange, SigningKey};
 
 const GET_SET: DataType = DataType::GET_SET;
 
@@ -28,29 +28,6 @@ fn traffic_is_counted() {
     assert_eq!(payload.len(), 36);
     assert!(count(0) >= 50 && count(3) >= 50, "{payload:?}");
     assert_eq!([count(1), count(2), count(4), count(5)], [2, 0, 2, 7]);
-}
-
-/// Every parameter by its position, with value, default and range; then an empty answer.
-#[test]
-fn all_parameters_are_listed() {
-    let mut bench = Bench::new();
-    let parameters: Vec<&Setting> = (0..).map_while(Setting::nth_parameter).collect();
-    assert_eq!(parameters.len(), SETTINGS.len() - 1, "all but the alignment");
-    for (index, parameter) in parameters.iter().enumerate() {
-        let payload = bench.response_to_request(GET_SET, &[index as u8, 0]).unwrap();
-        let name = parameter.parameter_name.as_bytes();
-        assert!(payload.ends_with(name), "{} {payload:?}", parameter.parameter_name);
-        let tags = |value| match value {
-            Whole(_) => 9,
-            Number(_) | Numbers(_) => 5,
-            Key(_) => 0,
-        };
-        if let Some([least, _]) = parameter.value_range() {
-            assert_eq!(payload.len() - name.len(), 4 * tags(least), "{}", parameter.parameter_name);
-        }
-    }
-    assert_eq!(bench.response_to_request(GET_SET, &[parameters.len() as u8, 0]), Some(vec![0; 4]));
-    assert_eq!(bench.response_to_request(GET_SET, b"\x00\x00UNKNOWN"), Some(vec![0; 4]));
 }
 
 fn set_integer_payload(value: i64, name: &str) -> Vec<u8> {
@@ -104,31 +81,7 @@ fn a_passphrase_is_set_and_not_read() {
 
 const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
-type Bytes = &'static [u8];
-
-const RESET_OPCODE: [u8; 7] = [1, 0, 0, 0, 0, 0, 0];
 const OPCODE_DONE: [u8; 7] = [0, 0, 0, 0, 0, 0, 0x80];
-
-#[test]
-fn requests_are_answered_after_their_command() {
-    let cases: [(DataType, Bytes, Command, [Bytes; 2]); 3] = [
-        (DataType::RESTART_NODE, &RESTART_MAGIC_BYTES, Command::Restart, [&[0x80], &[0]]),
-        (DataType::EXECUTE_OPCODE, &RESET_OPCODE, Command::ResetSettings, [&OPCODE_DONE, &[0; 7]]),
-        (DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a.bin", Command::Restart, [&[0], b"\x01armed"]),
-    ];
-    for (data_type, request, command, [done, refused]) in cases {
-        for (result, response) in [(Ok(()), done), (Err(&Refusal::Armed), refused)] {
-            let mut bench = Bench::new();
-            assert_eq!(bench.response_to_request(data_type, request), None);
-            assert_eq!(bench.commands, [command]);
-            assert_eq!(bench.node.granted_update(), None, "not before the state machine");
-            bench.node.complete_command(command, result);
-            assert_eq!(bench.run_for_response(data_type).as_deref(), Some(response), "{data_type:?} {result:?}");
-            let is_granted = data_type == DataType::BEGIN_FIRMWARE_UPDATE && result.is_ok();
-            assert_eq!(bench.node.granted_update().is_some(), is_granted, "{data_type:?} {result:?}");
-        }
-    }
-}
 
 /// Parameters are saved when they are set. Requests to set the present value, a number beyond the range, or a value of
 /// another kind only read it. An update's path has 1 to 200 bytes without NUL.
@@ -191,34 +144,4 @@ fn an_update_has_a_path_of_up_to_200_bytes_at_any_server() {
     bench.response_to_request(DataType::BEGIN_FIRMWARE_UPDATE, &path(5));
     bench.node.complete_command(Command::Restart, Ok(()));
     assert_eq!(bench.node.granted_update().unwrap().server_node, node_id(11));
-}
-
-/// The second of two requests does not replace the path of the first, nor does one for which there was no room.
-#[test]
-fn one_update_is_requested_at_a_time() {
-    let mut bench = Bench::new();
-    let update = |transfer_id, payload| transfer_from_peer(DataType::BEGIN_FIRMWARE_UPDATE, transfer_id, payload);
-    for source in 11..15 {
-        bench.deliver_transfer(source, &transfer_from_peer(DataType::GET_NODE_INFO, 0, &[]));
-    }
-    bench.deliver_transfer(PEER_NODE, &update(0, b"\x00lost"));
-    bench.run_ms(100);
-    bench.deliver_transfer(PEER_NODE, &update(1, b"\x00a"));
-    bench.deliver_transfer(66, &update(2, b"\x00b"));
-    let answers = bench.sent_in_ms(DataType::BEGIN_FIRMWARE_UPDATE, 100);
-    assert_eq!(answers.iter().map(|sent| (sent.transfer_id, sent.payload[0])).collect::<Vec<_>>(), [(2, 2)]);
-    bench.node.complete_command(Command::Restart, Ok(()));
-    assert_eq!(bench.node.granted_update().unwrap().file_path(), b"a");
-}
-
-/// Requests of several nodes at once are answered to each; further ones than four wait for a repetition.
-#[test]
-fn each_requester_gets_its_answer() {
-    let mut bench = Bench::new();
-    for source in 11..20 {
-        bench.deliver_transfer(source, &transfer_from_peer(DataType::GET_NODE_INFO, source, &[]));
-    }
-    let sent = bench.sent_in_ms(DataType::GET_NODE_INFO, 100);
-    let answered: Vec<_> = sent.iter().map(|sent| (sent.header.transfer_kind, sent.transfer_id)).collect();
-    assert_eq!(answered, [11, 12, 13, 14].map(|source| (TransferKind::Response(node_id(source)), source)));
 }

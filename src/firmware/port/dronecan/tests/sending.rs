@@ -197,17 +197,3 @@ fn a_transfer_without_room_is_not_queued_and_not_numbered() {
     assert!(sent.iter().map(|sent| usize::from(sent.transfer_id)).eq(0..10), "{sent:?}");
     assert!(sent.iter().all(|sent| sent.payload.len() == 60), "{sent:?}");
 }
-
-#[test]
-fn a_text_waits_for_room() {
-    let mut bench = Bench::new();
-    bench.run_ms(3000);
-    for _ in 0..5 {
-        let (now, payload) = (bench.now(), Payload::from_slice(&[7; 60]).unwrap());
-        bench.node.outbox.queue_message(now, Some(node_id(OWN_NODE)), DataType::TARGETTED, 20, payload);
-    }
-    bench.node.queue_text(&Message::InstallationRestored);
-    bench.poll();
-    bench.send_all_node_frames();
-    assert_eq!(log_texts(&bench.run_ms(500)), [format!("1 {}", Message::InstallationRestored)]);
-}

@@ -92,23 +92,6 @@ fn mavlink_is_received_through_the_tunnel() {
     assert_eq!(bench.node.is_armed(bench.now()), Some(true));
 }
 
-/// Ignored: bytes to another node, from a second node, of another serial line or protocol.
-#[test]
-fn one_serial_line_of_one_node_uses_the_tunnel() {
-    let mut bench = Bench::new();
-    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(0, OWN_NODE, 0, &attitude_frame(0.1)));
-    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(1, OWN_NODE + 1, 0, &attitude_frame(0.2)));
-    bench.deliver_transfer(66, &tunnel_transfer(1, OWN_NODE, 0, &attitude_frame(0.3)));
-    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(2, OWN_NODE, 1, &attitude_frame(0.4)));
-    let mut gps = tunnel_transfer(3, OWN_NODE, 0, &attitude_frame(0.5));
-    gps.payload[0] = 2;
-    bench.deliver_transfer(PEER_NODE, &gps);
-    assert_eq!(received_rolls_rad(&bench), [0.1]);
-    bench.now_us += 3_000_001;
-    bench.deliver_transfer(66, &tunnel_transfer(4, OWN_NODE, 0, &attitude_frame(0.6)));
-    assert_eq!(received_rolls_rad(&bench), [0.1, 0.6]);
-}
-
 /// Requests, heartbeats and headings are sent to the serial line that the autopilot uses, and nothing while it is
 /// silent.
 #[test]

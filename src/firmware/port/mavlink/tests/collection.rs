@@ -4,7 +4,6 @@ use super::*;
 use autoswing::calibration::{AttitudeEnvelope, Method, Orientation, Quality};
 use autoswing_module::messages::ExpectedAccuracy;
 
-const PROGRESS_ID: u8 = 191;
 const REPORT_ID: u8 = 192;
 /// Status and flag of a stored calibration in a report.
 type ReportResult = (u8, u8);
@@ -73,31 +72,6 @@ fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
     bench.run_with_indicator_state(IndicatorState::Idle);
     let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED_TEXT];
     assert_eq!(bench.take_texts_without_prefix(), expected);
-}
-
-/// Progress is sent twice a second, with the direction of the field in body axes, if known.
-#[test]
-fn progress_is_sent_during_a_collection() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.run_with_indicator_state(IndicatorState::Idle);
-    assert_eq!(bench.take_messages(PROGRESS_ID), []);
-    bench.run_with_indicator_state(IndicatorState::Collecting(40));
-    let progress = bench.take_messages(PROGRESS_ID);
-    assert_eq!(progress.len(), 2);
-    for message in progress {
-        assert_eq!(message.payload[..12], [0; 12]);
-        assert_eq!(message.payload[12..27], [0, 1, 2, 1, 40, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-    }
-    bench.estimate.body_field = Some(autoswing::frames::Field::from_ut(30.0, 0.0, -40.0));
-    bench.run_with_indicator_state(IndicatorState::Collecting(100));
-    let message = &bench.take_messages(PROGRESS_ID)[0];
-    assert!((message.float_at(0) - 0.6).abs() < 1e-6 && (message.float_at(8) + 0.8).abs() < 1e-6);
-    assert_eq!(message.payload[14], 3);
-    bench.estimate.body_field = Some(autoswing::frames::Field::from_ut(0.0, 0.0, 0.0));
-    bench.run_with_indicator_state(IndicatorState::Collecting(100));
-    assert_eq!(bench.take_messages(PROGRESS_ID)[0].payload[..12], [0; 12]);
-    bench.run_with_indicator_state(IndicatorState::Calibrated);
-    assert_eq!(bench.take_messages(PROGRESS_ID), []);
 }
 
 /// State of the module for a second, after a refused or a successful solve, or without one.

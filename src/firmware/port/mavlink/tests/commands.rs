@@ -6,7 +6,6 @@ use autoswing::calibration::method_selection::Procedure;
 const ACCEPTED: u8 = 0;
 const REJECTED: u8 = 1;
 const DENIED: u8 = 2;
-const UNSUPPORTED: u8 = 3;
 const IN_PROGRESS: u8 = 5;
 
 const START_NUMBER: u16 = 42_424;
@@ -186,18 +185,4 @@ fn a_rejected_command_sends_a_text_with_the_reason() {
     let texts = bench.take_texts();
     assert_eq!(texts.len(), 1, "{texts:?}");
     assert!(texts[0].1.starts_with("autoswing: refused out-of-range: the module can restart"), "{texts:?}");
-}
-
-/// Unknown commands are answered as unsupported.
-#[test]
-fn at_most_four_acknowledgements_wait_for_room() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.free_output_bytes = Some(0);
-    let unknown = [511, 400, 42_423, 42_427, 500, 501];
-    for number in unknown {
-        assert_eq!(bench.send_command(number, 0), None);
-    }
-    assert_eq!(bench.take_acknowledgements(), []);
-    bench.free_output_bytes = None;
-    assert_eq!(bench.take_acknowledgements(), [511, 400, 42_423, 42_427].map(|number| (number, UNSUPPORTED)));
 }

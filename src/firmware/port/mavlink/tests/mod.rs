@@ -9,9 +9,8 @@ mod sender;
 use super::*;
 use crate::port::transmit_buffer::TRANSMIT_CAPACITY;
 use autoswing::calibration::HeadingUncertainty;
-use autoswing::earth::Date;
 use autoswing::frames::RollPitch;
-use autoswing::heading::{Heading, NoHeading};
+use autoswing::heading::Heading;
 use autoswing::instrument::Estimate;
 use autoswing_module::settings::Settings;
 use testkit::frames::{MavlinkAddress, mavlink_attitude, mavlink_heartbeat, mavlink_v2_frame};
@@ -23,20 +22,6 @@ const GROUND_STATION: MavlinkAddress = [255, 190];
 
 fn attitude_frame(sender: MavlinkAddress, boot_ms: u32) -> Vec<u8> {
     mavlink_attitude(sender, boot_ms, [0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
-}
-
-fn position_frame(sender: MavlinkAddress) -> Vec<u8> {
-    let numbers = [0_i32, 473_000_000, 85_000_000, 400_000];
-    mavlink_v2_frame(sender, 33, 104, &numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())
-}
-
-/// SYS_STATUS with 12.5 A.
-fn battery_current_frame(sender: MavlinkAddress) -> Vec<u8> {
-    mavlink_v2_frame(sender, 1, 124, &[&[0; 16][..], &1_250_i16.to_le_bytes()].concat())
-}
-
-fn system_time_frame(sender: MavlinkAddress) -> Vec<u8> {
-    mavlink_v2_frame(sender, 2, 137, &1_790_000_000_000_000_u64.to_le_bytes())
 }
 
 fn command_frame(

@@ -42,21 +42,6 @@ fn send_attitudes(bench: &mut MavlinkBench, period_ms: u64, ms: u64) {
     }
 }
 
-/// The autopilot's loop and the line lose some reports: of 40 requested, 36 a second are enough, 24 are not.
-#[test]
-fn no_attitude_is_requested_from_an_autopilot_that_sends_enough() {
-    for (report_count, request) in [(36, (1_000, 1, 10)), (24, (1_000, 30, 40))] {
-        let mut bench = MavlinkBench::new();
-        bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
-        bench.run_ms(10);
-        for _ in 0..report_count {
-            bench.receive(&attitude_frame(AUTOPILOT, 0));
-        }
-        bench.run_ms(1_000);
-        assert_eq!(sent_requests(&bench), [request], "{report_count} reports");
-    }
-}
-
 /// The next request follows a second after the denied one.
 #[test]
 fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
@@ -84,22 +69,6 @@ fn only_the_autopilot_s_denial_to_the_module_or_to_all_counts() {
     }
 }
 
-/// The messages must arrive within a second of the acceptance; earlier ones do not count.
-#[test]
-fn an_accepted_request_is_repeated_unless_its_messages_arrive() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.run_ms(1_010);
-    send_attitudes(&mut bench, 20, 500);
-    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
-    send_attitudes(&mut bench, 50, 990);
-    assert_eq!(sent_requests(&bench).len(), 1);
-    bench.run_ms(30);
-    assert_eq!(sent_requests(&bench)[1..], [(2_510, 30, 40)], "20 Hz is not 40: once more");
-    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, ACCEPTED);
-    send_attitudes(&mut bench, 20, 1_100);
-    assert_eq!(sent_requests(&bench)[2..], [(3_530, 1, 10)]);
-}
-
 /// The setting limits the first rate; a change of it repeats all requests.
 #[test]
 fn each_rate_up_to_the_setting_is_requested_twice_without_an_answer() {
@@ -112,19 +81,6 @@ fn each_rate_up_to_the_setting_is_requested_twice_without_an_answer() {
         bench.run_ms(1_010);
         assert_eq!(sent_requests(&bench).last(), Some(&(requested_at_ms, 30, requested_hz)));
     }
-}
-
-#[test]
-fn acknowledgements_without_a_request_are_ignored() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.run_ms(500);
-    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
-    bench.run_ms(600);
-    assert_eq!(sent_requests(&bench), [(1_000, 30, 40)]);
-    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
-    send_acknowledgement(&mut bench, AUTOPILOT, [1, 158], 511, DENIED);
-    bench.run_ms(1_000);
-    assert_eq!(sent_requests(&bench)[1..], [(2_000, 30, 25)]);
 }
 
 /// Module with granted requests: attitude at 50 Hz and three other messages.
@@ -156,19 +112,4 @@ fn attitude_is_requested_again_after_an_autopilot_restart() {
         bench.run_ms(20);
     }
     assert!(sent_requests(&bench).iter().all(|&(_, id, _)| id != 30), "{:?}", sent_requests(&bench));
-}
-
-#[test]
-fn another_autopilot_is_requested_after_1_s_of_observation() {
-    let mut bench = bench_with_granted_requests();
-    bench.now_ms += 10_001;
-    // The other autopilot's clock is equal; only its address differs.
-    let clock_ms = bench.now_ms as u32;
-    bench.receive(&[mavlink_heartbeat([9, 1], true, false), attitude_frame([9, 1], clock_ms)].concat());
-    bench.run_ms(1_000);
-    assert_eq!(bench.sent_messages.iter().filter(|sent| sent.message_id == 76).count(), 0);
-    bench.run_ms(10);
-    let requests = bench.take_messages(76);
-    assert_eq!(requests.len(), 1);
-    assert_eq!((requests[0].sender, &requests[0].payload[30..32]), ([9, 158], &[9, 1][..]));
 }

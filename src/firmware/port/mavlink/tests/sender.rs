@@ -1,7 +1,6 @@
 //! Selection of the autopilot, and unsolicited messages: heartbeats, headings, poses, texts.
 
 use super::*;
-use crate::port::snapshot::tests::test_snapshot;
 use autoswing_module::settings::{HeadingKind, OutOfRange};
 
 /// Start of a text; tests append the rest.
@@ -25,67 +24,6 @@ fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     assert!(bench.sent_messages.iter().all(|sent| sent.sender == [1, 158]));
     assert_eq!(bench.take_messages(0).len(), 1);
     assert_eq!(bench.take_texts(), [(6, "autoswing: iron-back: as calibrated again".into())]);
-}
-
-/// State of MAVLink's HEARTBEAT, and progress as a named value.
-#[test]
-fn state_and_progress_are_sent_once_a_second() {
-    for (indicator_state, state, percent) in [
-        (IndicatorState::Idle, 0, 0.0),
-        (IndicatorState::Collecting(37), 2, 37.0),
-        (IndicatorState::Calibrated, 4, 100.0),
-        (IndicatorState::Refused, 5, 0.0),
-    ] {
-        let mut bench = MavlinkBench::with_autopilot();
-        bench.indicator_state = indicator_state;
-        bench.run_ms(10_000);
-        assert_eq!(named_values(&bench, "cal_pct"), [percent; 10], "{indicator_state:?}");
-        let beats = bench.take_messages(0);
-        assert_eq!(beats.len(), 10);
-        assert!(beats.iter().all(|beat| beat.payload[4..9] == [18, 8, 0, state, 3]), "{indicator_state:?}");
-    }
-}
-
-/// Messages of a second autopilot, a gimbal of the same system and the module itself are ignored.
-#[test]
-fn position_date_and_current_are_used_from_the_selected_autopilot() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.receive(&mavlink_heartbeat(SECOND_AUTOPILOT, true, true));
-    for sender in [SECOND_AUTOPILOT, GIMBAL, [1, 158], GROUND_STATION] {
-        assert_eq!(
-            bench.receive(&[position_frame(sender), system_time_frame(sender), battery_current_frame(sender)].concat()),
-            [],
-            "{sender:?}"
-        );
-    }
-    let received = bench
-        .receive(&[position_frame(AUTOPILOT), system_time_frame(AUTOPILOT), battery_current_frame(AUTOPILOT)].concat());
-    let [ReceivedMessage::Position(here), ReceivedMessage::Date(day), ReceivedMessage::Current(12.5)] = received[..]
-    else {
-        panic!("{received:?}")
-    };
-    assert_eq!((here.latitude_deg, here.longitude_deg), (47.3, 8.5));
-    assert_eq!(Some(day), Date::from_unix_s(1_790_000_000));
-    assert_eq!(bench.receive(&mavlink_v2_frame(AUTOPILOT, 33, 104, &[1])), []);
-    // Without a selected sender an autopilot's messages are ignored, too.
-    assert_eq!(MavlinkBench::new().receive(&position_frame(AUTOPILOT)), []);
-}
-
-#[test]
-fn echoed_own_messages_are_ignored() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.receive(&mavlink_heartbeat(AUTOPILOT, true, true));
-    for _ in 0..2_000 {
-        let now = bench.now();
-        let indicator_state = IndicatorState::Collecting(3);
-        let snapshot = Snapshot { now, indicator_state, ..test_snapshot(&Estimate::EMPTY, &Settings::DEFAULT) };
-        let mut out = TransmitBuffer::new();
-        bench.mavlink.poll(&snapshot, &mut out);
-        assert_eq!(bench.receive(out.pending_bytes()), []);
-        bench.now_ms += 1;
-    }
-    assert_eq!((bench.mavlink.is_armed(bench.now()), bench.mavlink.rejected_frame_count()), (Some(true), 0));
-    assert_eq!(bench.mavlink.sender_selector.autopilot_to_query(bench.now()), Some(SenderId::new(0x0101)));
 }
 
 #[test]
@@ -130,17 +68,6 @@ fn headings_are_sent_as_named_values() {
         assert!(headings.iter().all(|deg| (deg - expected_deg).abs() < 1e-4), "{headings:?}");
         assert!(sigmas.iter().all(|deg| (deg - 1.0).abs() < 1e-5));
     }
-}
-
-#[test]
-fn missing_or_disabled_headings_are_not_sent() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.estimate.heading = Err(NoHeading::FieldDisturbed);
-    bench.run_ms(2_000);
-    bench.estimate.heading = Ok(heading(10.0, 1.0));
-    bench.settings.stream_on = false;
-    bench.run_ms(2_000);
-    assert_eq!(named_values(&bench, "hdg"), []);
 }
 
 fn bench_with_heading() -> MavlinkBench {
@@ -194,45 +121,6 @@ fn a_raw_heading_does_not_take_the_place_of_a_smoothed_one() {
 }
 
 #[test]
-fn a_pose_needs_declination_heading_attitude_and_the_setting() {
-    let removals: [fn(&mut MavlinkBench); 4] = [
-        |bench| bench.settings.sends_vision_yaw = false,
-        |bench| bench.settings.declination_deg = None,
-        |bench| bench.estimate.heading = Err(NoHeading::FieldDisturbed),
-        |bench| bench.estimate.attitude = None,
-    ];
-    for change in removals {
-        let mut bench = bench_with_heading();
-        change(&mut bench);
-        bench.run_ms(1_000);
-        assert_eq!(bench.take_messages(102), []);
-    }
-}
-
-/// Lengths around multiples of a chunk; the last chunk must not be full. Long texts have numbers of their own, at most
-/// ten chunks are sent a second, and 240 bytes are the longest text.
-#[test]
-fn a_long_text_comes_in_chunks() {
-    let mut bench = MavlinkBench::with_autopilot();
-    let mut long_text_count = 0;
-    for length in [49, 50, 51, 99, 100, 101, 150, 239, 240, 241, 500] {
-        let end: String = ('a'..='z').cycle().take(length - TEXT_BEGINNING.len()).collect();
-        bench.mavlink.queue_text(&long_message(&end));
-        bench.run_ms(2_000);
-        let chunks: Vec<_> = bench.sent_messages.iter().filter(|sent| sent.message_id == 253).collect();
-        let sent_length = length.min(240);
-        let is_long = sent_length > 50;
-        long_text_count += u8::from(is_long);
-        let text_id = if is_long { long_text_count } else { 0 };
-        let expected = (0..if is_long { sent_length / 50 + 1 } else { 1 }).map(|chunk| [text_id, 0, chunk as u8]);
-        assert!(chunks.iter().map(|sent| &sent.payload[51..54]).eq(expected), "{length}: {chunks:?}");
-        assert!(chunks.windows(2).all(|pair| pair[1].sent_at_ms - pair[0].sent_at_ms >= 100), "{chunks:?}");
-        let whole = format!("{TEXT_BEGINNING}{end}");
-        assert_eq!(bench.take_texts(), [(4, whole[..sent_length].to_owned())]);
-    }
-}
-
-#[test]
 fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
     let mut bench = MavlinkBench::new();
     for percent in 0..5 {
@@ -251,18 +139,4 @@ fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
     bench.run_ms(2_000);
     let newest = [3, 4].map(|percent| format!("autoswing: collecting: {percent} %"));
     assert_eq!(texts(&mut bench), [&[format!("{TEXT_BEGINNING}{long}")][..], &newest].concat());
-}
-
-#[test]
-fn texts_and_requests_wait_for_room() {
-    let mut bench = MavlinkBench::with_autopilot();
-    bench.mavlink.queue_text(&Notice::Collecting(10));
-    bench.free_output_bytes = Some(0);
-    bench.run_ms(10_000);
-    assert_eq!(bench.sent_messages, []);
-    bench.free_output_bytes = None;
-    bench.run_ms(200);
-    assert_eq!(bench.take_texts(), [(6, "autoswing: collecting: 10 %".to_owned())]);
-    let rates_hz = bench.take_messages(76).iter().map(|request| 1e6 / request.float_at(4)).collect::<Vec<_>>();
-    assert_eq!(rates_hz, [40.0], "the first request");
 }

@@ -88,22 +88,3 @@ fn commands_are_decoded_from_command_long_and_command_int() {
         assert_eq!(decode_single(&bytes_of_hex(hex)), expected(command, confirmation), "{hex}");
     }
 }
-
-/// An acknowledgement with the extension fields of version 2 has a target; without them it addresses all.
-#[test]
-fn an_acknowledgement_has_a_target_in_version_2() {
-    let ack = |result, system, component| {
-        let target = Address { system_id: system, component_id: component };
-        InboundMessage::Acknowledgement(Acknowledgement { sender_id: SENDER, target, command_number: 511, result })
-    };
-    assert_eq!(decode_single(&bytes_of_hex("fd0a0000c90c224d0000ff010207fbffffff0c9ea59c")), ack(2, 12, 158));
-    assert_eq!(decode_single(&v1_frame(77, 143, &[0xFF, 1, 2])), ack(2, 0, 0));
-}
-
-#[test]
-fn the_longest_frame_is_decoded() {
-    let signed = [0xFD, 54, 1, 0, 0, 12, 34, 147, 0, 0];
-    let frame = [with_mavlink_crc([&signed[..], &[1; 54]].concat(), 154), vec![0xFD; 13]].concat();
-    assert_eq!(frame.len(), MAX_FRAME_LENGTH);
-    decode_single(&frame);
-}

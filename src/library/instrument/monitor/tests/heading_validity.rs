@@ -94,17 +94,6 @@ fn a_heading_with_sigma_over_8_deg_is_withheld() {
 }
 
 #[test]
-fn a_source_without_rates_is_monitored() {
-    let mut flight = Flight { has_gyro: false, ..Flight::new(12) };
-    assert_eq!(flight.fly_seconds(20).empty_reasons, []);
-    flight.errors.hard_iron_ut = [0.0, 0.0, 8.0];
-    // The second disturbed sample shows the change.
-    let _ = flight.fly_sample();
-    assert_eq!(flight.fly_seconds(3).empty_reasons, [NoHeading::FieldDisturbed; 30]);
-    assert_eq!(flight.monitor.monitor_output().run_and_heading_offset_variance, None);
-}
-
-#[test]
 fn non_finite_samples_are_ignored() {
     let mut flight = Flight::new(13);
     flight.fly_seconds(30);
