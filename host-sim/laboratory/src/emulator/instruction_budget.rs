@@ -52,7 +52,7 @@ const INSTRUCTION_LIMITS: [(&str, &str, u64); 13] = [
 ];
 
 const SAMPLE_INSTRUCTION_LIMIT: (&str, &str, u64) =
-    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_000);
+    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_250);
 
 /// Time limit of the solve, seconds, at a fifth of the board's speed.
 const SOLVE_TIMEOUT_S: u32 = 30;
