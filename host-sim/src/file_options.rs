@@ -13,8 +13,8 @@ use simulator::world::aircraft::VehicleKind;
 use crate::command_failure::CommandFailure;
 
 /// Visits each log of a file, of the tables in a folder, or of standard input if the path is `-`, by its path: that of the
-/// file or folder, followed by the log's name if it holds several. Such a path visits that log alone. `unit` is the unit of a table's field, `system` the
-/// MAVLink system to read (default: the first autopilot).
+/// file or folder, followed by the log's name if it holds several. Such a path visits that log alone. `unit` is the unit of
+/// a table's field, `system` the MAVLink system to read (default: the first autopilot).
 ///
 /// # Errors
 ///
@@ -25,8 +25,11 @@ pub fn visit_logs(
     system: Option<u8>,
     visit: &mut LogVisitor<'_>,
 ) -> Result<(), LogError> {
-    let is_source = |file: &&Path| file.is_file() || !table_files(file).is_empty();
-    let file = path.ancestors().find(is_source).unwrap_or(path);
+    let as_source = |file| {
+        let tables = if Path::is_file(file) { Vec::new() } else { table_files(file) };
+        (file.is_file() || !tables.is_empty()).then_some((file, tables))
+    };
+    let (file, tables) = path.ancestors().find_map(as_source).unwrap_or((path, Vec::new()));
     let mut names = Vec::new();
     let mut is_found = file == path;
     let mut visit_log = |name: &str, flight| {
@@ -39,7 +42,7 @@ pub fn visit_logs(
         }
     };
     if file.is_dir() {
-        log::visit_folder(&mut |visit| read_files(&table_files(file), visit), unit, &mut visit_log)?;
+        log::visit_folder(&mut |visit| read_files(&tables, visit), unit, &mut visit_log)?;
     } else {
         let mut source: Box<dyn Read> =
             if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(file)?) };

@@ -148,7 +148,7 @@ pub fn visit_flights(
 ///
 /// # Errors
 ///
-/// A file cannot be read, or there are no such tables.
+/// A file cannot be read, or none of the files is a table of a log.
 pub fn visit_folder(
     visit_files: &mut dyn FnMut(&mut EntryVisitor<'_>) -> io::Result<()>,
     unit: FieldUnit,

@@ -57,6 +57,11 @@ const UNITS: [(Quantity, &[&str], f64); 19] = [
     (Quantity::Force, &["g"], 9.806_65),
 ];
 
+/// Names of the columns whose units a header may declare.
+pub(super) fn columns_with_units() -> impl Iterator<Item = &'static str> {
+    COLUMN_QUANTITIES.iter().map(|(name, ..)| *name)
+}
+
 /// Splits a header's cell into name and declared unit.
 pub(super) fn name_and_unit(cell: &str) -> (&str, Option<&str>) {
     match cell.split_once(['(', '[']) {

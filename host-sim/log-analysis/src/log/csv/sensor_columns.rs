@@ -55,7 +55,8 @@ pub(super) fn header_cells<'a>(header: &'a str, file_stem: &str) -> Vec<HeaderCe
     let cells: Vec<_> = header.split(cell_separator(header)).map(trimmed_cell).map(name_and_unit).collect();
     let is_of_xio = cells.iter().any(|(_, unit)| unit.is_some_and(|unit| XIO_UNITS.contains(&unit)));
     let axes = if is_of_xio { XIO_AXES } else { PHONE_AXES };
-    cells.into_iter().map(|(name, unit)| header_cell(name, unit, &file_stem.to_lowercase(), axes)).collect()
+    let stem = file_stem.to_lowercase();
+    cells.into_iter().map(|(name, unit)| header_cell(name, unit, &stem, axes)).collect()
 }
 
 fn header_cell<'a>(name: &'a str, unit: Option<&'a str>, stem: &str, axes: [(usize, f64); 3]) -> HeaderCell<'a> {

@@ -1,7 +1,7 @@
 //! Columns of a table and the parser of its lines.
 
 use super::super::flight_builder::MAX_COMPASSES;
-use super::column_unit::{find_with_unit, unit_size};
+use super::column_unit::{columns_with_units, find_with_unit, unit_size};
 use super::error::CsvError;
 use super::field_unit::FieldUnit;
 use super::sensor_columns::{HeaderCell, header_cells};
@@ -146,7 +146,7 @@ fn declared_unit_sizes(
     let mut sizes = vec![None; cells.len()];
     let further =
         (2..=MAX_COMPASSES).flat_map(|compass_number| ["mx", "my", "mz"].map(|axis| format!("{axis}{compass_number}")));
-    for column in COLUMNS_WITH_UNITS.map(str::to_owned).into_iter().chain(further) {
+    for column in columns_with_units().map(str::to_owned).chain(further) {
         let Some(index) = find(&column) else { continue };
         sizes[index] = match cells[index].unit {
             Some(unit) => {
@@ -160,24 +160,6 @@ fn declared_unit_sizes(
     }
     Ok(sizes)
 }
-
-/// Columns whose units a header may declare.
-const COLUMNS_WITH_UNITS: [&str; 14] = [
-    "t_s",
-    "mx",
-    "my",
-    "mz",
-    "roll_deg",
-    "pitch_deg",
-    "yaw_ref_deg",
-    "yaw_deg",
-    "p_dps",
-    "q_dps",
-    "r_dps",
-    "ax",
-    "ay",
-    "az",
-];
 
 pub(super) struct LineCells<'a> {
     unit_sizes: &'a [Option<f64>],

@@ -6,6 +6,7 @@ mod topic_table;
 
 use std::collections::HashMap;
 use std::io::{self, Read};
+use std::rc::Rc;
 
 use row_layout::{RowColumn, RowColumns, TopicRow, parse_keyed_value, scalar_type};
 use sensors::CompassAssignment;
@@ -122,7 +123,7 @@ struct UlogTopic {
 pub struct UlogReader {
     builder: FlightBuilder,
     formats: HashMap<String, String>,
-    topics: HashMap<u16, UlogTopic>,
+    topics: HashMap<u16, Rc<UlogTopic>>,
     /// Major and minor version of PX4. `sensor_mag` is raw since 1.11; before, drivers corrected it.
     px4_version: Option<(u8, u8)>,
     has_angular_velocity: bool,
@@ -217,7 +218,7 @@ impl UlogReader {
         {
             self.has_angular_velocity |= name == "vehicle_angular_velocity";
             let topic = UlogTopic { name, instance: *instance, columns };
-            self.topics.insert(u16::from_le_bytes([*low, *high]), topic);
+            self.topics.insert(u16::from_le_bytes([*low, *high]), Rc::new(topic));
         }
     }
 
@@ -265,11 +266,8 @@ impl UlogReader {
 
     fn read_row(&mut self, body: &[u8]) {
         let [low, high, body @ ..] = body else { return };
-        let topics = std::mem::take(&mut self.topics);
-        if let Some(topic) = topics.get(&u16::from_le_bytes([*low, *high])) {
-            self.record_row(&topic.name, topic.instance, &TopicRow { columns: &topic.columns, row_bytes: body });
-        }
-        self.topics = topics;
+        let Some(topic) = self.topics.get(&u16::from_le_bytes([*low, *high])).cloned() else { return };
+        self.record_row(&topic.name, topic.instance, &TopicRow { columns: &topic.columns, row_bytes: body });
     }
 
     fn record_row(&mut self, topic: &str, instance: u8, row: &TopicRow<'_>) {

@@ -50,7 +50,7 @@ pub(super) fn columns_of_header(header: &str, separator: char) -> RowColumns {
     columns
 }
 
-/// Numbers of a line, NaN where there is none.
+/// The cells of a line as the numbers of a row; a cell without a number is NaN.
 pub(super) fn row_of_line(line: &str, separator: char) -> Vec<u8> {
     line.split(separator).flat_map(|cell| cell.trim().parse().unwrap_or(f64::NAN).to_le_bytes()).collect()
 }
