@@ -48,11 +48,7 @@ pub fn visit_logs(
             if path.as_os_str() == "-" { Box::new(io::stdin().lock()) } else { Box::new(File::open(file)?) };
         log::visit_flights(&mut *source, unit, system, &mut visit_log)?;
     }
-    if is_found {
-        return Ok(());
-    }
-    let reason = format!("the file has no log of this name; it has {}", names.join(", "));
-    Err(io::Error::new(io::ErrorKind::NotFound, reason).into())
+    if is_found { Ok(()) } else { Err(LogError::NoLogOfName(names)) }
 }
 
 /// The files of a folder that are tables of one log, sorted by name; none of a folder that cannot be read.

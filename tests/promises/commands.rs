@@ -363,7 +363,7 @@ fn the_report_is_of_the_log_that_is_named_after_its_file() {
     let (picture, [json, _]) = report_of("LOG.TXT/flight 2");
     assert!(picture.starts_with("<svg"), "{json}");
     assert_eq!(json, report_of("second.TXT").1[0]);
-    for (name, cause) in [("LOG.TXT", "several-logs: "), ("LOG.TXT/flight 3", "unreadable-file: ")] {
+    for (name, cause) in [("LOG.TXT", "several-logs: "), ("LOG.TXT/flight 3", "no-such-log: ")] {
         let (picture, [_, error]) = report_of(name);
         let has_names = error.contains("LOG.TXT/flight 1, ") && error.contains("LOG.TXT/flight 2");
         assert!(picture.is_empty() && error.contains(cause) && has_names, "{error}");

@@ -80,6 +80,30 @@ impl Default for CompassSlot {
     }
 }
 
+impl UnknownSlot {
+    /// What to do for a file of parameters.
+    #[must_use]
+    pub const fn remedy(self) -> &'static str {
+        match self {
+            Self::NotInBlackbox => {
+                "Calibrate the compass by the autopilot's own procedure, away from iron, and judge the log of the next flight: no \
+                 parameters can be made of a blackbox."
+            }
+            Self::NotInTables => "Judge the .ulg that the tables were made of: it has the parameters.",
+            Self::NoParameters | Self::PrimaryLessBias => {
+                "Judge the autopilot's own log of this flight, from its SD card: it has the parameters."
+            }
+            Self::NoPriorityId(_)
+            | Self::NoUniqueDeviceId(_)
+            | Self::SeveralCompasses
+            | Self::OffsetsContradict { .. } => {
+                "Set the compasses' order and ids right (COMPASS_PRIOn_ID, COMPASS_DEV_IDn) and restart the autopilot; then judge \
+                 the log of the next flight."
+            }
+        }
+    }
+}
+
 impl CompassSlot {
     /// Index in the names of the parameters, if known.
     #[must_use]

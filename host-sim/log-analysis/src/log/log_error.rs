@@ -21,6 +21,8 @@ pub enum LogError {
     ArchiveWithoutLog(Vec<String>),
     /// Several logs in place of one; their names.
     SeveralLogs(Vec<String>),
+    /// No log of the name that was asked for; names of those that are there.
+    NoLogOfName(Vec<String>),
     /// Error in the values of a table.
     Csv(CsvError),
     /// The log has no valid magnetometer reading. Number of rejected ones.
@@ -46,6 +48,7 @@ impl LogError {
             Self::UnreadFormat(_) => "unread-format",
             Self::ArchiveWithoutLog(_) => "archive-without-log",
             Self::SeveralLogs(_) => "several-logs",
+            Self::NoLogOfName(_) => "no-such-log",
             Self::Csv(error) => error.stable_code(),
             Self::NoMagnetometer(..) => "no-field",
             Self::UnassignedFields(_) => "unassigned-field",
@@ -80,6 +83,7 @@ impl fmt::Display for LogError {
             Self::SeveralLogs(names) => {
                 write!(f, "these are several logs, of which one is judged at a time: {}", name_list(names))
             }
+            Self::NoLogOfName(names) => write!(f, "the file has no log of this name; it has {}", name_list(names)),
             Self::Csv(error) => error.fmt(f),
             Self::NoMagnetometer(LogFormat::Blackbox, 0) => f.write_str(
                 "blackbox: no magnetometer is logged: `blackbox MAG` in INAV's CLI logs it, in Betaflight's `set \

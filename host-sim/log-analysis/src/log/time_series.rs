@@ -9,8 +9,19 @@ const MAX_ROWS: usize = 3 << 15;
 /// Length of the parts of a log that are dropped to bound memory, seconds; all series drop the same parts.
 const PART_LENGTH_S: f64 = 256.0;
 
-/// Lowest rate, Hz, at which every second row is dropped to bound memory; at lower rates whole parts are dropped.
-const MIN_ROW_THINNING_RATE_HZ: f64 = 20.0;
+/// How a series is kept within its memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Thinning {
+    max_rows: usize,
+    /// Lowest rate, Hz, at which every second row is dropped; at lower rates whole parts are dropped.
+    min_row_thinning_rate_hz: f64,
+}
+
+const OF_A_LOG: Thinning = Thinning { max_rows: MAX_ROWS, min_row_thinning_rate_hz: 20.0 };
+
+/// Gyro and accelerometer lose what is between the rows, so whole parts are dropped up to 200 Hz, and two hours at 100 Hz
+/// are stored while the log is read.
+const OF_INERTIAL_SENSOR: Thinning = Thinning { max_rows: 8 * MAX_ROWS, min_row_thinning_rate_hz: 200.0 };
 
 /// A row of `N` values with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,9 +33,10 @@ pub struct TimedRow<const N: usize> {
 }
 
 /// A time series of `N` values a row.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Series<const N: usize> {
     rows: Vec<TimedRow<N>>,
+    thinning: Thinning,
     /// Base-2 logarithm of the row stride: of `stride` consecutive rows one is stored.
     row_stride_log2: u8,
     /// Base-2 logarithm of the part stride: of `stride` consecutive parts of `PART_LENGTH_S` one is stored.
@@ -32,11 +44,27 @@ pub struct Series<const N: usize> {
     offered_count: u64,
 }
 
+impl<const N: usize> Default for Series<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<const N: usize> Series<N> {
     /// Creates an empty series.
     #[must_use]
     pub const fn new() -> Self {
-        Self { rows: Vec::new(), row_stride_log2: 0, part_stride_log2: 0, offered_count: 0 }
+        Self::with_thinning(OF_A_LOG)
+    }
+
+    /// Creates an empty series of a gyro or accelerometer, which keeps its rate.
+    #[must_use]
+    pub(super) const fn of_inertial_sensor() -> Self {
+        Self::with_thinning(OF_INERTIAL_SENSOR)
+    }
+
+    const fn with_thinning(thinning: Thinning) -> Self {
+        Self { rows: Vec::new(), thinning, row_stride_log2: 0, part_stride_log2: 0, offered_count: 0 }
     }
 
     /// Appends a row, in the order of the file; may drop it to bound memory.
@@ -48,7 +76,7 @@ impl<const N: usize> Series<N> {
         if !self.offered_count.is_multiple_of(1 << self.row_stride_log2) {
             return;
         }
-        if self.rows.len() >= MAX_ROWS {
+        if self.rows.len() >= self.thinning.max_rows {
             self.thin_rows();
             if !self.offered_count.is_multiple_of(1 << self.row_stride_log2)
                 || !is_in_retained_part(t_s, self.part_stride_log2)
@@ -65,12 +93,12 @@ impl<const N: usize> Series<N> {
         let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
         let middle_index = steps_s.len() / 2;
         let step_s = *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1;
-        if step_s * MIN_ROW_THINNING_RATE_HZ >= 1.0 && self.part_stride_log2 < 40 {
+        if step_s * self.thinning.min_row_thinning_rate_hz >= 1.0 && self.part_stride_log2 < 40 {
             self.part_stride_log2 += 1;
             let part_stride_log2 = self.part_stride_log2;
             self.rows.retain(|row| is_in_retained_part(row.t_s, part_stride_log2));
         }
-        if self.rows.len() >= MAX_ROWS / 4 * 3 {
+        if self.rows.len() >= self.thinning.max_rows / 4 * 3 {
             let mut retained = 0_u32;
             self.rows.retain(|_| {
                 retained += 1;
@@ -214,18 +242,20 @@ mod tests {
     }
 
     /// At a high rate every second row is dropped; attitudes at 1 Hz could not be interpolated, so that at 10 Hz whole
-    /// parts of the log are dropped.
+    /// parts of the log are dropped, and at 100 Hz those of a gyro.
     #[test]
     fn memory_is_bounded_and_retained_rows_are_evenly_spaced() {
-        for (step_s, retained_step_s, gap_count) in
-            [(0.01, 0.04, 0), (0.1, 0.1, (3.0 * MAX_ROWS as f64 * 0.1 / PART_LENGTH_S / 4.0) as usize)]
+        for (thinning, step_s, retained_step_s, has_gaps) in
+            [(OF_A_LOG, 0.01, 0.04, false), (OF_A_LOG, 0.1, 0.1, true), (OF_INERTIAL_SENSOR, 0.01, 0.01, true)]
         {
-            let mut series = Series::new();
-            for i in 0..3 * MAX_ROWS {
+            let mut series = Series::with_thinning(thinning);
+            let max_rows = thinning.max_rows;
+            for i in 0..3 * max_rows {
                 series.push_row(i as f64 * step_s, [0.0]);
             }
+            let gap_count = if has_gaps { (3.0 * max_rows as f64 * step_s / PART_LENGTH_S / 4.0) as usize } else { 0 };
             let rows = series.rows();
-            assert!((MAX_ROWS / 2..=MAX_ROWS).contains(&rows.len()), "{step_s} s: {}", rows.len());
+            assert!((max_rows / 2..=max_rows).contains(&rows.len()), "{step_s} s: {}", rows.len());
             let steps = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
             let (short, gaps): (Vec<f64>, Vec<f64>) = steps.partition(|step| (step - retained_step_s).abs() < 1e-6);
             assert_eq!((short.len(), gaps.len()), (rows.len() - 1 - gap_count, gap_count), "{step_s} s");

@@ -1,8 +1,9 @@
 //! What the pilot does next, from the verdict on the compass in use.
 
 use super::parameter_export::ParameterFormat;
+use super::reading_checks::{CheckedMeaning, forbidding_check};
 use super::verdict::{CompassAction, Verdict};
-use crate::log::LogFormat;
+use crate::log::{CompassSlot, LogFormat};
 
 /// Interval of attitudes above which telemetry is too slow where the autopilot's own log is faster, seconds.
 const SLOW_TELEMETRY_S: f64 = 0.2;
@@ -28,11 +29,26 @@ impl Verdict<'_> {
                     .to_owned(),
             ],
             Some(CompassAction::CorrectReading) => {
-                vec!["Correct what the verdict names, in the log's setup or in the table, and judge the log again.".to_owned()]
+                vec![self.remedy_of_reading().to_owned()]
             }
             _ => return Vec::new(),
         };
         self.faster_log().into_iter().chain(steps).collect()
+    }
+
+    /// Another log where the parameters of the compass in use are unknown.
+    fn remedy_of_reading(&self) -> &'static str {
+        let compass = self.compasses_in_use_first().first().copied();
+        let forbidding = compass.and_then(|compass| forbidding_check(&compass.reading_checks));
+        let logged = compass.and_then(|compass| self.flight.compass(compass.evaluation.compass_number));
+        match logged.map(|logged| logged.slot) {
+            Some(CompassSlot::Unknown { reason })
+                if forbidding.is_some_and(|check| check.meaning == CheckedMeaning::Slot) =>
+            {
+                reason.remedy()
+            }
+            _ => "Correct what the verdict names, in the log's setup or in the table, and judge the log again.",
+        }
     }
 
     /// The autopilot's own log in place of slow telemetry.
@@ -88,6 +104,7 @@ fn loading_steps(format: ParameterFormat) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::log::UnknownSlot;
     use crate::replay::tests::FLOWN_TURNS;
 
     #[test]
@@ -104,5 +121,16 @@ mod tests {
         let flying = steps(&flight, &evaluation);
         assert!(flying[0].contains("2.9 attitudes a second") && flying[1].contains("two full circles"), "{flying:?}");
         assert!(flying.iter().any(|step| step.contains("GPS fix")), "{flying:?}");
+    }
+
+    /// Another flight in the same kind of log has no parameters either.
+    #[test]
+    fn without_parameters_another_log_is_asked_for() {
+        let (mut flight, evaluation) = FLOWN_TURNS.clone();
+        for (reason, remedy) in [(UnknownSlot::NotInTables, "Judge the .ulg"), (UnknownSlot::NoParameters, "SD card")] {
+            flight.compasses[0].slot = CompassSlot::Unknown { reason };
+            let steps = Verdict::new(&flight, &evaluation, ParameterFormat::Px4).next_steps();
+            assert!(steps[0].contains(remedy) && steps.len() == 1, "{steps:?}");
+        }
     }
 }

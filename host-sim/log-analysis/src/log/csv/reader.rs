@@ -40,8 +40,8 @@ impl TableReader {
     pub fn new() -> Self {
         Self {
             builder: FlightBuilder::new(LogFormat::Csv),
-            rates: Series::new(),
-            forces: Series::new(),
+            rates: Series::of_inertial_sensor(),
+            forces: Series::of_inertial_sensor(),
             armed_states: Series::new(),
             median_time_s: 0.0,
             is_unordered: false,

@@ -215,6 +215,8 @@ fn action_without_parameters(compass_state: CompassState, rejection: &NoParamete
         },
         // What does not show how good the compass is does not show either that it is to be replaced.
         _ if compass_state == CompassState::Unjudged => CompassAction::FlyAgain,
+        // Another flight in the same kind of log has no parameters either.
+        NoParameters::UnprovenReading(check) if check.meaning == CheckedMeaning::Slot => CompassAction::CorrectReading,
         // Another flight does not reduce the loss by the symmetric matrix.
         NoParameters::Inaccurate { held_back, inexpressible_error_deg }
             if is_mostly_inexpressible(held_back.rms_deg, *inexpressible_error_deg) =>
