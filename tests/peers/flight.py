@@ -106,7 +106,8 @@ class Flight:
         if name == "STATUSTEXT":
             if message.chunk_seq == 0:
                 self.texts.append("")
-            self.texts[-1] += message.text
+            # Without the spaces that fill the chunks.
+            self.texts[-1] = " ".join(self.texts[-1].split() + message.text.split())
         elif name == "COMMAND_ACK":
             assert (message.target_system, message.target_component) == STATION, message
             self.answers.append((message.command, message.result))

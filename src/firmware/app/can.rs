@@ -150,7 +150,7 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     if let Some(action) = links.take_autopilot_action(AutopilotLine::Can) {
         node.mavlink().begin_autopilot_action(action);
     }
-    if let Some(message) = node.mavlink().take_message(now) {
+    if let Some(message) = node.take_message(now) {
         links.broadcast_message(&message);
     }
     let Some(stored_settings) = links.stored_settings.try_get() else { return };

@@ -33,6 +33,13 @@ pub enum Message {
     },
     /// The pitch that a quadplane subtracts from its attitude depends on its mode, which the module does not know.
     TrimsAmbiguous,
+    /// Another node on the CAN bus has the number of this one.
+    NodeNumberConflict {
+        /// The number.
+        number: u8,
+        /// Whether this node takes another number. Otherwise it sends no field.
+        is_given_up: bool,
+    },
     /// Result of a check or a setup of the autopilot.
     Autopilot(AutopilotReport),
     /// The module is in safe mode after repeated panics.
@@ -67,6 +74,7 @@ impl Message {
             | Self::InstallationChanged(_)
             | Self::TurnRequested { .. }
             | Self::TrimsAmbiguous
+            | Self::NodeNumberConflict { .. }
             | Self::SafeMode => Severity::Warning,
         }
     }

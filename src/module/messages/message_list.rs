@@ -61,6 +61,14 @@ impl Message {
                 format_args!("the pitch trim in a quadplane's attitude depends on its mode, and is not removed"),
                 format_args!("set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0"),
             ),
+            Self::NodeNumberConflict { number, is_given_up } => {
+                let effect = if *is_given_up { "this one takes another" } else { "no field is sent" };
+                show(
+                    "node-number-conflict",
+                    format_args!("another node on the CAN bus has number {number}, too; {effect}"),
+                    format_args!("give that node another number, or set can-node"),
+                )
+            }
             Self::Autopilot(report) => autopilot_entry(report, show),
             Self::SafeMode => safe_mode_entry(show),
         }

@@ -172,6 +172,8 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
         |turn_rad| Message::InstallationChanged(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad: 0.0105 }));
     let changed = "iron-moved: 5.2 uT since the calibration, mostly aft (x -4.9, y 0.3, z -1.7, sigma 0.4); headings";
     let turned = "mount-moved: 9.8 deg counterclockwise since the calibration, from above (sigma 0.6); headings are";
+    let node_number = |is_given_up| Message::NodeNumberConflict { number: 42, is_given_up };
+    let same_number = "node-number-conflict: another node on the CAN bus has number 42, too";
     let ambiguous = "trims-ambiguous: the pitch trim in a quadplane's attitude depends on its mode";
     [
         (Message::CommandRejected(Refusal::Armed), Warning, "refused armed: the", "; land, disarm and wait for 5 s"),
@@ -185,6 +187,18 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
         (Message::TurnRequested { sigma_rad: 0.06 }, Warning, "turn-wanted: headings have a sigma of 3.4 deg by", ""),
         (Message::InstallationRestored, Info, "iron-back: as calibrated again", ""),
         (Message::TrimsAmbiguous, Warning, ambiguous, "; set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0"),
+        (
+            node_number(true),
+            Warning,
+            same_number,
+            "; this one takes another; give that node another number, or set can-node",
+        ),
+        (
+            node_number(false),
+            Warning,
+            same_number,
+            "; no field is sent; give that node another number, or set can-node",
+        ),
         (Message::SafeMode, Warning, "safe-mode: three starts in a row", "all stored data: cal clear all, then reboot"),
     ]
     .into_iter()

@@ -65,7 +65,9 @@ impl CollectionReporter {
                 self.report_progress(reported_progress_tenths, percent, texts);
             }
             (Some(_), indicator) => {
-                texts.push_message(&Message::CollectionEnded);
+                if outcome.is_none() {
+                    texts.push_message(&Message::CollectionEnded);
+                }
                 self.reported_progress_tenths = None;
                 self.pending_report_success = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }

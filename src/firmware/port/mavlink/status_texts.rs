@@ -32,12 +32,16 @@ impl PendingTexts {
             Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
             Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
         };
-        let text_id = if chunk.is_long { self.text_id.max(1) } else { 0 };
-        if !line.send_message(OutboundMessage::status_text(severity, chunk.characters, text_id, chunk.index)) {
+        let is_only = chunk.is_last && chunk.index == 0;
+        let text_id = if is_only { 0 } else { self.text_id.max(1) };
+        // Of several chunks the first one that is not full is the last: others are filled, and an empty one follows a
+        // full last one.
+        let mut text = [if chunk.is_last { 0 } else { b' ' }; OutboundMessage::STATUSTEXT_CAPACITY];
+        text.iter_mut().zip(chunk.characters).for_each(|(target, source)| *target = *source);
+        let was_last = is_only || chunk.is_last && chunk.characters.len() < text.len();
+        if !line.send_message(OutboundMessage::status_text(severity, &text, text_id, chunk.index)) {
             return false;
         }
-        // The last of several chunks must not be full: an empty one follows if all are.
-        let was_last = !chunk.is_long || chunk.characters.len() < OutboundMessage::STATUSTEXT_CAPACITY;
         if was_last {
             self.text_id = text_id.wrapping_add(1);
         }

@@ -153,7 +153,7 @@ impl MavlinkBench {
         taken
     }
 
-    /// Removes and returns the sent texts, joined from their chunks, with severities.
+    /// Removes and returns the sent texts, joined from their chunks without the spaces that fill them, with severities.
     fn take_texts(&mut self) -> Vec<(u8, String)> {
         let mut texts: Vec<(u8, u16, String)> = vec![];
         for sent in self.take_messages(253) {
@@ -168,7 +168,8 @@ impl MavlinkBench {
                 }
             }
         }
-        texts.into_iter().map(|(severity, _, text)| (severity, text)).collect()
+        let without_fill = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        texts.into_iter().map(|(severity, _, text)| (severity, without_fill(text))).collect()
     }
 }
 
