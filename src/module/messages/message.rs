@@ -106,6 +106,7 @@ impl AutopilotReport {
             | Self::Armed
             | Self::NotKept
             | Self::NothingReplaced
+            | Self::CorrectedTwice { .. }
             | Self::NoCompass => Severity::Warning,
         }
     }

@@ -102,6 +102,14 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
             format_args!("power both together, or restart the autopilot"),
         ),
         AutopilotReport::Compass(compass) => show("compass", format_args!("{compass}"), NO_ADVICE),
+        AutopilotReport::CorrectedTwice { slot, offset_mg } => show(
+            "corrected-twice",
+            format_args!(
+                "the autopilot's offsets of compass slot {slot}, {} mG, correct the field of the module a second time",
+                Decimal::<0>(*offset_mg)
+            ),
+            format_args!("to remove them: autopilot setup yes"),
+        ),
         AutopilotReport::Trims(trims_deg) => {
             let [roll_deg, pitch_deg] = trims_deg.map(Decimal::<1>);
             show(

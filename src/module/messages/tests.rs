@@ -206,14 +206,17 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
 }
 
 fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
-    use AutopilotReport::{Armed, Compass, Heading, NoAutopilot, NoCompass, NoReply, NotKept, NothingReplaced, Trims};
+    use AutopilotReport::{Armed, Compass, CorrectedTwice, Heading, NoAutopilot, NoCompass, NoReply};
+    use AutopilotReport::{NotKept, NothingReplaced, Trims};
     use ParameterState::{Changed, Missing, NotChanged, Wrong};
     static WANTED: WantedParameter = WantedParameter {
         name_pattern: "COMPASS_OFS#_X",
-        number: Some(1.0),
+        number: WantedNumber::Fixed(1.0),
         reason: "an offset, of 1 mG, marks it as calibrated",
     };
-    let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
+    let compass_at =
+        |priority, device_id| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
+    let compass = |device_id, priority| compass_at(CompassPriority::ArduPilot(priority), device_id);
     let parameter = |state| {
         let (row, slot, priority, number, wanted, is_undo) = (&WANTED, 2, 1, -0.25, 1.0, false);
         AutopilotReport::Parameter(ParameterReport { row, slot, priority, state, number, wanted, is_undo })
@@ -236,7 +239,14 @@ fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
         (compass(658_945, Some(1)), Info, "compass: slot 3, priority 1: another", "I2C bus 0 address 14 (id 658945)"),
         (compass(131_874, None), Info, "compass: slot 3, no priority: another", "SPI bus 4 device 3 (id 131874)"),
         (compass(97_547, Some(2)), Info, "compass: slot 3, ", "DroneCAN bus 1 node 125 (id 97547)"),
+        (compass_at(CompassPriority::Px4, 8_944_899), Info, "compass: CAL_MAG2: another", "0 node 125 (id 8944899)"),
         (compass(5, Some(2)), Info, "compass: slot 3, ", "MSP (id 5)"),
+        (
+            CorrectedTwice { slot: 2, offset_mg: 120.6 },
+            Warning,
+            "corrected-twice: the autopilot's offsets of compass slot 2, 121 mG",
+            "; to remove them: autopilot setup yes",
+        ),
         (Trims([0.0, 3.0]), Info, "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0", "; removed"),
         (Heading(123.44), Info, "heading: 123.4 deg magnetic now", "known one before the autopilot uses it"),
         (Armed, Warning, "armed: the autopilot is armed", "wait for 5 s"),

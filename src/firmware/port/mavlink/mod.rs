@@ -21,6 +21,7 @@ mod autopilot_parameters;
 mod autopilot_setup;
 mod collection;
 mod commands;
+mod compass_offsets;
 mod own_parameters;
 mod parameter_client;
 mod requests;
