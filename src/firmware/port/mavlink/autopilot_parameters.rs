@@ -47,6 +47,11 @@ impl AutopilotParameters {
         }
     }
 
+    /// Address and firmware of the selected autopilot.
+    pub fn autopilot(&self) -> Option<(Address, MavAutopilot)> {
+        self.autopilot.map(|(sender, firmware)| (Address::from_sender(sender), firmware))
+    }
+
     /// Processes a parameter of the selected autopilot.
     pub fn on_parameter(&mut self, received: &ReceivedParameter) {
         let encoding = self.encoding();

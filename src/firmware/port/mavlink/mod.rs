@@ -22,6 +22,7 @@ mod autopilot_setup;
 mod collection;
 mod commands;
 mod compass_offsets;
+mod heading_reset;
 mod own_parameters;
 mod parameter_client;
 mod requests;
@@ -47,6 +48,7 @@ use autoswing_module::messages::{Message as Notice, Refusal};
 use autoswing_module::settings::{HeadingKind, SigningKey};
 use collection::CollectionReporter;
 use commands::CommandHandler;
+use heading_reset::HeadingReset;
 use own_parameters::OwnParameters;
 use requests::RequestSequence;
 use status_texts::PendingTexts;
@@ -73,6 +75,7 @@ pub struct Mavlink {
     pending_texts: PendingTexts,
     collection_reporter: CollectionReporter,
     pose_schedule: MessageSchedule,
+    heading_reset: HeadingReset,
     /// Count of the calibration for which a smoothed heading has been available.
     smoothed_calibration: Option<u8>,
     heartbeat_schedule: MessageSchedule,
@@ -171,6 +174,7 @@ impl Mavlink {
             InboundMessage::Acknowledgement(ack) => {
                 if is_autopilot(&ack.sender_id) && is_own(ack.target) {
                     self.request_sequence.on_acknowledgement(at, ack);
+                    self.heading_reset.on_acknowledgement(ack);
                 }
                 None
             }
@@ -207,7 +211,8 @@ impl Mavlink {
         line.send_message(OutboundMessage::named_value(snapshot.now, name, value))
     }
 
-    fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+    /// Sends the due pose, or a reset of the yaw to it.
+    fn send_pose(&mut self, snapshot: &Snapshot<'_>, is_armed: bool, line: &mut Transmitter<'_>) -> bool {
         if !line.has_room_for_bulk() {
             return false;
         }
@@ -216,7 +221,13 @@ impl Mavlink {
             self.smoothed_calibration = Some(calibration_count);
         }
         let is_smoothed = self.smoothed_calibration == Some(calibration_count);
-        let Some(pose) = current_pose(snapshot, is_smoothed, calibration_count) else { return false };
+        let pose = current_pose(snapshot, is_smoothed, calibration_count);
+        if let Some(autopilot) = self.autopilot_parameters.autopilot()
+            && self.heading_reset.send_due_command(snapshot.now, autopilot, is_armed, pose.as_ref(), line)
+        {
+            return true;
+        }
+        let Some(pose) = pose else { return false };
         self.pose_schedule.is_due(snapshot.now, POSE_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 
@@ -264,14 +275,14 @@ impl Mavlink {
         self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
         let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
-        let is_disarmed = self.sender_selector.is_armed(now) == Some(false);
+        let is_armed = self.sender_selector.is_armed(now);
         let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
         let _is_sent = self.command_handler.send_next_acknowledgement(line)
-            || self.send_pose(snapshot, line)
+            || self.send_pose(snapshot, is_armed == Some(true), line)
             || self.send_heartbeat(snapshot, line)
             || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
-            || self.autopilot_parameters.send_due_request(snapshot, is_disarmed, line)
+            || self.autopilot_parameters.send_due_request(snapshot, is_armed == Some(false), line)
             || self.own_parameters.send_next_parameter(snapshot.settings, line)
             || self.collection_reporter.send_report_or_progress(snapshot, line)
             || self.send_progress_percent(snapshot, line)
