@@ -33,6 +33,13 @@ pub enum Message {
     },
     /// The pitch that a quadplane subtracts from its attitude depends on its mode, which the module does not know.
     TrimsAmbiguous,
+    /// Another module is the same MAVLink component of the autopilot's system.
+    ComponentTaken {
+        /// The component.
+        taken: u8,
+        /// Component of this module from now on.
+        component: u8,
+    },
     /// Another node on the CAN bus has the number of this one.
     NodeNumberConflict {
         /// The number.
@@ -63,9 +70,11 @@ impl Message {
     #[must_use]
     pub const fn severity(&self) -> Severity {
         match self {
-            Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::InstallationRestored => {
-                Severity::Info
-            }
+            Self::Solved(Ok(_))
+            | Self::Collecting(_)
+            | Self::CollectionEnded
+            | Self::InstallationRestored
+            | Self::ComponentTaken { .. } => Severity::Info,
             Self::Autopilot(report) => report.severity(),
             Self::Solved(Err(_))
             | Self::CommandRejected(_)

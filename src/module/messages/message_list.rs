@@ -61,6 +61,11 @@ impl Message {
                 format_args!("the pitch trim in a quadplane's attitude depends on its mode, and is not removed"),
                 format_args!("set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0"),
             ),
+            Self::ComponentTaken { taken, component } => show(
+                "component-taken",
+                format_args!("another module is component {taken}; this one is component {component} from now on"),
+                format_args!("to change it: set component"),
+            ),
             Self::NodeNumberConflict { number, is_given_up } => {
                 let effect = if *is_given_up { "this one takes another" } else { "no field is sent" };
                 show(

@@ -199,6 +199,12 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
             same_number,
             "; no field is sent; give that node another number, or set can-node",
         ),
+        (
+            Message::ComponentTaken { taken: 158, component: 25 },
+            Info,
+            "component-taken: another module is component 158; this one is component 25 from",
+            "; to change it: set component",
+        ),
         (Message::SafeMode, Warning, "safe-mode: three starts in a row", "all stored data: cal clear all, then reboot"),
     ]
     .into_iter()

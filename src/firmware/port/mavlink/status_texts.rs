@@ -7,9 +7,7 @@ use crate::port::text_queue::TextQueue;
 use crate::wire::mavlink::OutboundMessage;
 use autoswing::time::Timestamp;
 use autoswing_module::messages::{Message, Severity};
-
-/// Prefix of every text: a ground station shows the texts of all components in one list.
-const TEXT_PREFIX: &str = "autoswing: ";
+use autoswing_module::settings::Settings;
 
 /// Pending texts.
 #[derive(Debug, Default)]
@@ -20,9 +18,14 @@ pub(super) struct PendingTexts {
 }
 
 impl PendingTexts {
-    /// Queues a message.
-    pub fn push_message(&mut self, message: &Message) {
-        self.queue.push_text(message.severity(), format_args!("{TEXT_PREFIX}{message}"));
+    /// Queues a message. A ground station shows the texts of all components in one list: a text names the module, and a
+    /// component other than the usual one.
+    pub fn push_message(&mut self, message: &Message, component: u8) {
+        if component == Settings::DEFAULT.component {
+            self.queue.push_text(message.severity(), format_args!("autoswing: {message}"));
+        } else {
+            self.queue.push_text(message.severity(), format_args!("autoswing {component}: {message}"));
+        }
     }
 
     /// Sends the next due chunk; returns whether one was sent.
