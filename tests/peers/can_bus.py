@@ -127,7 +127,7 @@ with ServedModule("--can", BUS) as module:
     check_field(bus, 50)
 
     parameters = bus.parameters(number)
-    assert len(parameters) == 24 and "CAN_NODE" in parameters, list(parameters)
+    assert len(parameters) == 25 and "CAN_NODE" in parameters, list(parameters)
     show_parameters(parameters)
     set_parameter(bus, number, "CAN_RATE", "20", "20", integer_value=20)
     check_field(bus, 20)

@@ -34,6 +34,8 @@ NOISE_DEG = 0.1
 HEADING_DEG = 60.0
 # System and component IDs of module and ground station.
 MODULE = (1, 158)
+# Sender of the first requests, while the module listens for another one with its component.
+LISTENING_MODULE = (1, 99)
 ADDRESSES = {"source_system": 1, "source_component": 1}
 STATION = (255, 190)
 # Shortest message interval that ArduPilot accepts for aeroplanes.
@@ -101,12 +103,14 @@ class Flight:
         self.message_counts[name] += 1
         if name == "BAD_DATA":
             return
-        assert (message.get_srcSystem(), message.get_srcComponent()) == MODULE, message
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        assert sender == MODULE or sender == LISTENING_MODULE and name in ("COMMAND_LONG", "PARAM_REQUEST_READ"), message
         self.last[name] = message
         if name == "STATUSTEXT":
             if message.chunk_seq == 0:
                 self.texts.append("")
-            self.texts[-1] += message.text
+            # Without the spaces that fill the chunks.
+            self.texts[-1] = " ".join(self.texts[-1].split() + message.text.split())
         elif name == "COMMAND_ACK":
             assert (message.target_system, message.target_component) == STATION, message
             self.answers.append((message.command, message.result))

@@ -15,7 +15,7 @@ pub fn frames_with_id(id: u32, frames: &[MavlinkFrame]) -> Vec<&MavlinkFrame> {
     frames.iter().filter(|frame| frame.message_id == id).collect()
 }
 
-/// Complete status texts; byte 53 is the chunk number of a text in several frames.
+/// Complete status texts, without the spaces that fill chunks; byte 53 is the chunk number of a text in several frames.
 pub fn status_texts(frames: &[MavlinkFrame]) -> Vec<String> {
     let mut texts: Vec<String> = Vec::new();
     for frame in frames_with_id(STATUSTEXT, frames) {
@@ -28,7 +28,8 @@ pub fn status_texts(frames: &[MavlinkFrame]) -> Vec<String> {
             texts.push(chunk);
         }
     }
-    texts
+    let without_fill = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    texts.into_iter().map(without_fill).collect()
 }
 
 /// Whether a `MAG_CAL_REPORT` has status `MAG_CAL_SUCCESS` (4) and `autosaved` 1.

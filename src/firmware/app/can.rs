@@ -150,13 +150,13 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     if let Some(action) = links.take_autopilot_action(AutopilotLine::Can) {
         node.mavlink().begin_autopilot_action(action);
     }
-    if let Some(message) = node.mavlink().take_message(now) {
+    if let Some(message) = node.take_message(now) {
         links.broadcast_message(&message);
     }
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
     let mavlink = node.mavlink();
     let correction = calibration_to_report(links, |calibration| mavlink.is_unreported_calibration(calibration));
-    let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
+    let command = with_snapshot(links, AutopilotLine::Can, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings })
     });
     links.send_command(AutopilotLine::Can, command.flatten());
@@ -167,9 +167,15 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
 fn poll_in_safe_mode(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
     let estimate = Estimate { timestamp: now, heading: Err(NoHeading::SafeMode), ..Estimate::EMPTY };
-    let indicator = IndicatorState::Idle;
-    let snapshot =
-        Snapshot { now, estimate: &estimate, settings, indicator_state: indicator, calibration: None, can_node: None };
+    let snapshot = Snapshot {
+        now,
+        estimate: &estimate,
+        settings,
+        indicator_state: IndicatorState::Idle,
+        calibration: None,
+        can_node: None,
+        has_other_mavlink_line: false,
+    };
     links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
     let command = node.poll(&NodeContext { snapshot, stored_settings: settings });
     links.send_command(AutopilotLine::Can, command);

@@ -20,6 +20,7 @@ pub(super) fn calibration_to_report(links: &TaskLinks, is_new: impl Fn(&Calibrat
 /// Calls a function with a snapshot of the module's state; not before the first estimate.
 pub(super) fn with_snapshot<R>(
     links: &TaskLinks,
+    line: AutopilotLine,
     now: Timestamp,
     settings: &Settings,
     correction: Option<&Correction>,
@@ -29,7 +30,16 @@ pub(super) fn with_snapshot<R>(
     let calibration = correction.and_then(|correction| correction.calibration.as_ref());
     let can_node = links.can_state().and_then(|state| state.node).map(NodeId::number);
     let indicator_state = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
-    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator_state, calibration, can_node }))
+    let has_other_mavlink_line = links.mavlink_lines().any(|other| other != line);
+    Some(use_snapshot(&Snapshot {
+        now,
+        estimate: &estimate,
+        settings,
+        indicator_state,
+        calibration,
+        can_node,
+        has_other_mavlink_line,
+    }))
 }
 
 /// Passes a received message to the task that needs it. `can_have_gyro`: whether this line's body rates are measured by

@@ -86,7 +86,7 @@ pub async fn run_port(
                 // One text or one poll per reading limits the work; each takes about the same time.
                 match wires.messages.try_receive() {
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
-                    _ => poll_port(links, &mut port, at, &settings),
+                    _ => poll_port(links, line, &mut port, at, &settings),
                 }
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
@@ -123,12 +123,12 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, old_settings: PortSett
 
 /// Polls the protocol. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn poll_port(links: &TaskLinks, port: &mut Port, now: Timestamp, settings: &Settings) {
+fn poll_port(links: &TaskLinks, line: AutopilotLine, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let correction =
         calibration_to_report(links, |calibration| is_reported && port.mavlink.is_unreported_calibration(calibration));
-    with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
+    with_snapshot(links, line, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 
 fn receive_bytes(links: &TaskLinks, line: AutopilotLine, port: &mut Port, bytes: &[u8]) {

@@ -228,13 +228,17 @@ impl TaskLinks {
         }
     }
 
-    /// Passes an action to the first line whose autopilot is known by MAVLink.
-    pub(super) fn pass_autopilot_action(&self, action: AutopilotAction) {
-        let mut mavlink_lines = AutopilotLine::ALL_LINES.into_iter().filter(|line| {
+    /// Lines whose autopilot is known by MAVLink.
+    pub(super) fn mavlink_lines(&self) -> impl Iterator<Item = AutopilotLine> {
+        AutopilotLine::ALL_LINES.into_iter().filter(|line| {
             let LineState { protocol, is_armed } = self.links_of_line(*line).state.lock(Cell::get);
             protocol == ProtocolKind::Mavlink && is_armed.is_some()
-        });
-        match mavlink_lines.next() {
+        })
+    }
+
+    /// Passes an action to the first line whose autopilot is known by MAVLink.
+    pub(super) fn pass_autopilot_action(&self, action: AutopilotAction) {
+        match self.mavlink_lines().next() {
             Some(line) => self.autopilot_action.lock(|pending| pending.set(Some((line, action)))),
             None => self.broadcast_message(&Message::Autopilot(AutopilotReport::NoAutopilot)),
         }

@@ -7,7 +7,7 @@ use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 use crate::wire::nmea;
 use autoswing::heading::NoHeading;
-use autoswing_module::settings::HeadingKind;
+use autoswing_module::settings::{HeadingKind, Settings};
 
 /// Text for ground stations, of at most 50 characters.
 const SAFE_MODE_TEXT: &[u8] = b"autoswing: safe-mode: see its console";
@@ -38,7 +38,8 @@ impl SafeModeReporter {
         ]);
         // Frames without a signature, because the key is one of the settings, which safe mode does not read.
         let mut signatures = Signatures::default();
-        let mut line = Transmitter::new(out, ASSUMED_AUTOPILOT.sender_id(), &mut self.sequence_number, &mut signatures);
+        let sender = (ASSUMED_AUTOPILOT.sender_id(), Settings::DEFAULT.component);
+        let mut line = Transmitter::new(out, sender, &mut self.sequence_number, &mut signatures);
         line.send_message(OutboundMessage::heartbeat(MavState::MAV_STATE_CRITICAL));
         if self.reports_since_text == 0 {
             line.send_message(OutboundMessage::status_text(MavSeverity::MAV_SEVERITY_CRITICAL, SAFE_MODE_TEXT, 0, 0));

@@ -9,7 +9,7 @@ use autoswing_module::messages::Severity;
 /// Capacity for texts: progress of a collection, its end, and the outcome of the solve.
 const QUEUE_CAPACITY: usize = 3;
 
-/// Capacity of a text, characters: five chunks of a STATUSTEXT, three of a LogMessage.
+/// Capacity of a text, characters: five or six chunks of a STATUSTEXT, three of a LogMessage.
 const TEXT_CAPACITY: usize = 240;
 
 /// Rate of pieces, Hz; leaves room for headings on a slow line.
@@ -34,8 +34,6 @@ pub(super) struct TextPiece<'a> {
     pub characters: &'a [u8],
     /// Number of the piece in its text, from 0.
     pub index: u8,
-    /// Whether the text is longer than one piece.
-    pub is_long: bool,
     /// Whether all characters of the text are sent with this piece.
     pub is_last: bool,
 }
@@ -46,6 +44,9 @@ pub(super) struct TextQueue {
     texts: heapless::Vec<(Severity, Characters), QUEUE_CAPACITY>,
     /// Number of sent pieces of the first text.
     sent_piece_count: u8,
+    /// Characters of the first text before the next piece, and before the one after it.
+    piece_start: usize,
+    next_start: usize,
     schedule: MessageSchedule,
 }
 
@@ -60,28 +61,27 @@ impl TextQueue {
         let _ = self.texts.push((severity, characters));
     }
 
-    /// Next piece of at most this length, if due.
+    /// Next piece of at most this length, if due. It ends with a space, unless a word is longer.
     pub fn due_piece(&mut self, now: Timestamp, max_length: usize) -> Option<TextPiece<'_>> {
         let (severity, Characters(characters)) = self.texts.first()?;
         if !self.schedule.is_due(now, PIECE_RATE_HZ) {
             return None;
         }
-        let unsent = characters.get(usize::from(self.sent_piece_count) * max_length..).unwrap_or_default();
-        Some(TextPiece {
-            severity: *severity,
-            characters: unsent.get(..max_length).unwrap_or(unsent),
-            index: self.sent_piece_count,
-            is_long: characters.len() > max_length,
-            is_last: unsent.len() <= max_length,
-        })
+        let unsent = characters.get(self.piece_start..).unwrap_or_default();
+        let is_last = unsent.len() <= max_length;
+        let space = unsent.iter().take(max_length).rposition(|byte| *byte == b' ');
+        let length = if is_last { unsent.len() } else { space.map_or(max_length, |space| space + 1) };
+        self.next_start = self.piece_start + length;
+        let characters = unsent.get(..length).unwrap_or(unsent);
+        Some(TextPiece { severity: *severity, characters, index: self.sent_piece_count, is_last })
     }
 
     /// Goes on after a sent piece: to the next one, or after the last one to the next text.
     pub fn advance(&mut self, was_last: bool) {
-        self.sent_piece_count += 1;
+        (self.sent_piece_count, self.piece_start) = (self.sent_piece_count + 1, self.next_start);
         if was_last {
             self.texts.remove(0);
-            self.sent_piece_count = 0;
+            (self.sent_piece_count, self.piece_start) = (0, 0);
         }
     }
 }

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::parameter_name::ParameterName;
-use autoswing::decimal::ShortestDecimal;
+use autoswing::decimal::{Decimal, ShortestDecimal};
 
 /// Result of a check or a setup of the autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +24,13 @@ pub enum AutopilotReport {
     Compass(RegisteredCompass),
     /// A parameter that is not as wanted.
     Parameter(ParameterReport),
+    /// The autopilot's own offsets of the module's compass, milligauss: the field is corrected twice.
+    CorrectedTwice {
+        /// Slot of the compass, counted from 1.
+        slot: u8,
+        /// Length of the offsets, milligauss.
+        offset_mg: f32,
+    },
     /// Trims of roll and pitch, degrees, that the autopilot subtracts from its attitude, and the module adds again.
     Trims([f32; 2]),
     /// Magnetic heading now, degrees, of a calibrated module.
@@ -32,48 +39,69 @@ pub enum AutopilotReport {
     Summary(ParameterCounts),
 }
 
-/// Compass that the autopilot has registered. Slot and priority are counted from 1.
+/// Compass that the autopilot has registered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegisteredCompass {
-    /// Slot, by which offsets and ids go.
+    /// Slot, by which offsets and ids go, counted from 1.
     pub slot: u8,
-    /// Priority, by which the use goes; `None` before the autopilot's next start.
-    pub priority: Option<u8>,
-    /// ArduPilot's device id.
+    /// Place in the order of use.
+    pub priority: CompassPriority,
+    /// Device id of ArduPilot or PX4, which have the same layout.
     pub device_id: u32,
     /// Whether it is the module.
     pub is_module: bool,
 }
 
+/// Place of a compass in the autopilot's order of use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CompassPriority {
+    /// ArduPilot's, counted from 1, by which the use goes; `None` before its next start.
+    ArduPilot(Option<u8>),
+    /// PX4: a parameter of the slot.
+    Px4,
+}
+
 /// Parameter of the autopilot that the module needs.
 #[derive(Debug, PartialEq)]
 pub struct WantedParameter {
-    /// Name, with `#` for the compass's slot and `^` for its priority; the first of either has no digit.
+    /// Name, with `#` for the compass's slot and `^` for its priority; the first of either has no digit. `@` is the slot
+    /// counted from 0.
     pub name_pattern: &'static str,
-    /// Wanted number; `None` for the number that it has, written again.
-    pub number: Option<f32>,
+    /// Wanted number.
+    pub number: WantedNumber,
     /// Reason, a clause.
     pub reason: &'static str,
+}
+
+/// Number that a parameter is to have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WantedNumber {
+    /// This one.
+    Fixed(f32),
+    /// The one that it has, written again.
+    Present,
+    /// Device id of the module's node on the CAN bus.
+    CanDevice,
 }
 
 impl WantedParameter {
     /// Name of the parameter for a compass's slot and priority, counted from 1.
     #[must_use]
     pub fn parameter_name(&self, slot: u8, priority: u8) -> ParameterName {
-        let number_of = |letter| match letter {
-            b'#' => Some(slot),
-            b'^' => Some(priority),
-            _ => None,
-        };
-        let letters = self.name_pattern.bytes().filter_map(|letter| match number_of(letter) {
-            Some(1) => None,
-            Some(number) => Some(b'0' + number),
-            None => Some(letter),
+        let letters = self.name_pattern.bytes().filter_map(|letter| match letter {
+            b'#' => digit_after_first(slot),
+            b'^' => digit_after_first(priority),
+            b'@' => Some(b'0' + slot.saturating_sub(1)),
+            letter => Some(letter),
         });
         let mut name = ParameterName::default();
         name.0.iter_mut().zip(letters).for_each(|(target, letter)| *target = letter);
         name
     }
+}
+
+fn digit_after_first(number: u8) -> Option<u8> {
+    (number != 1).then_some(b'0' + number)
 }
 
 /// Parameter of the autopilot, and its state.
@@ -126,17 +154,17 @@ pub struct ParameterCounts {
 impl fmt::Display for RegisteredCompass {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { slot, priority, device_id, is_module } = *self;
-        write!(f, "slot {slot}, ")?;
         match priority {
-            Some(priority) => write!(f, "priority {priority}: ")?,
-            None => f.write_str("no priority: ")?,
+            CompassPriority::ArduPilot(Some(priority)) => write!(f, "slot {slot}, priority {priority}: ")?,
+            CompassPriority::ArduPilot(None) => write!(f, "slot {slot}, no priority: ")?,
+            CompassPriority::Px4 => write!(f, "CAL_MAG{}: ", slot.saturating_sub(1))?,
         }
         f.write_str(if is_module { "this module, " } else { "another compass, " })?;
         write!(f, "{} (id {device_id})", DeviceBus(device_id))
     }
 }
 
-/// Bus and address of ArduPilot's device id (`AP_HAL::Device`): kind of bus in bits 0 to 2, its number in bits 3 to 7,
+/// Bus and address of a device id (ArduPilot's `AP_HAL::Device`, PX4's `device::Device`): kind of bus in bits 0 to 2, its number in bits 3 to 7,
 /// the address in bits 8 to 15.
 #[derive(Clone, Copy, Debug)]
 struct DeviceBus(u32);
@@ -154,11 +182,20 @@ impl fmt::Display for DeviceBus {
     }
 }
 
+/// Number of a parameter; ids are longer than a [`ShortestDecimal`].
+struct ParameterNumber(f32);
+
+impl fmt::Display for ParameterNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.abs() < 1e6 { ShortestDecimal(self.0, 0).fmt(f) } else { Decimal::<0>(self.0).fmt(f) }
+    }
+}
+
 impl fmt::Display for ParameterReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = self.row.parameter_name(self.slot, self.priority);
         let reason = if self.is_undo { "as before the setup" } else { self.row.reason };
-        let [number, wanted] = [self.number, self.wanted].map(|number| ShortestDecimal(number, 0));
+        let [number, wanted] = [self.number, self.wanted].map(ParameterNumber);
         match self.state {
             ParameterState::Wrong => write!(f, "{name} is {number}, wanted {wanted}: {reason}"),
             ParameterState::Changed => write!(f, "{name} changed from {number} to {wanted}: {reason}"),

@@ -33,6 +33,20 @@ pub enum Message {
     },
     /// The pitch that a quadplane subtracts from its attitude depends on its mode, which the module does not know.
     TrimsAmbiguous,
+    /// Another module is the same MAVLink component of the autopilot's system.
+    ComponentTaken {
+        /// The component.
+        taken: u8,
+        /// Component of this module from now on.
+        component: u8,
+    },
+    /// Another node on the CAN bus has the number of this one.
+    NodeNumberConflict {
+        /// The number.
+        number: u8,
+        /// Whether this node takes another number. Otherwise it sends no field.
+        is_given_up: bool,
+    },
     /// Result of a check or a setup of the autopilot.
     Autopilot(AutopilotReport),
     /// The module is in safe mode after repeated panics.
@@ -56,9 +70,11 @@ impl Message {
     #[must_use]
     pub const fn severity(&self) -> Severity {
         match self {
-            Self::Solved(Ok(_)) | Self::Collecting(_) | Self::CollectionEnded | Self::InstallationRestored => {
-                Severity::Info
-            }
+            Self::Solved(Ok(_))
+            | Self::Collecting(_)
+            | Self::CollectionEnded
+            | Self::InstallationRestored
+            | Self::ComponentTaken { .. } => Severity::Info,
             Self::Autopilot(report) => report.severity(),
             Self::Solved(Err(_))
             | Self::CommandRejected(_)
@@ -67,6 +83,7 @@ impl Message {
             | Self::InstallationChanged(_)
             | Self::TurnRequested { .. }
             | Self::TrimsAmbiguous
+            | Self::NodeNumberConflict { .. }
             | Self::SafeMode => Severity::Warning,
         }
     }
@@ -98,6 +115,7 @@ impl AutopilotReport {
             | Self::Armed
             | Self::NotKept
             | Self::NothingReplaced
+            | Self::CorrectedTwice { .. }
             | Self::NoCompass => Severity::Warning,
         }
     }

@@ -61,6 +61,19 @@ impl Message {
                 format_args!("the pitch trim in a quadplane's attitude depends on its mode, and is not removed"),
                 format_args!("set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0"),
             ),
+            Self::ComponentTaken { taken, component } => show(
+                "component-taken",
+                format_args!("another module is component {taken}; this one is component {component} from now on"),
+                format_args!("to change it: set component"),
+            ),
+            Self::NodeNumberConflict { number, is_given_up } => {
+                let effect = if *is_given_up { "this one takes another" } else { "no field is sent" };
+                show(
+                    "node-number-conflict",
+                    format_args!("another node on the CAN bus has number {number}, too; {effect}"),
+                    format_args!("give that node another number, or set can-node"),
+                )
+            }
             Self::Autopilot(report) => autopilot_entry(report, show),
             Self::SafeMode => safe_mode_entry(show),
         }
@@ -94,6 +107,14 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
             format_args!("power both together, or restart the autopilot"),
         ),
         AutopilotReport::Compass(compass) => show("compass", format_args!("{compass}"), NO_ADVICE),
+        AutopilotReport::CorrectedTwice { slot, offset_mg } => show(
+            "corrected-twice",
+            format_args!(
+                "the autopilot's offsets of compass slot {slot}, {} mG, correct the field of the module a second time",
+                Decimal::<0>(*offset_mg)
+            ),
+            format_args!("to remove them: autopilot setup yes"),
+        ),
         AutopilotReport::Trims(trims_deg) => {
             let [roll_deg, pitch_deg] = trims_deg.map(Decimal::<1>);
             show(

@@ -24,7 +24,8 @@ mod sample_loss;
 pub use accuracy::ExpectedAccuracy;
 pub use accuracy::ExpectedErrorText;
 pub use autopilot_report::{
-    AutopilotReport, ParameterCounts, ParameterReport, ParameterState, RegisteredCompass, WantedParameter,
+    AutopilotReport, CompassPriority, ParameterCounts, ParameterReport, ParameterState, RegisteredCompass,
+    WantedNumber, WantedParameter,
 };
 pub use message::{Message, Severity, SolveOutcome};
 pub use parameter_name::ParameterName;

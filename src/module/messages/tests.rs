@@ -172,6 +172,8 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
         |turn_rad| Message::InstallationChanged(InstallationChange::Mount(MountTurn { turn_rad, sigma_rad: 0.0105 }));
     let changed = "iron-moved: 5.2 uT since the calibration, mostly aft (x -4.9, y 0.3, z -1.7, sigma 0.4); headings";
     let turned = "mount-moved: 9.8 deg counterclockwise since the calibration, from above (sigma 0.6); headings are";
+    let node_number = |is_given_up| Message::NodeNumberConflict { number: 42, is_given_up };
+    let same_number = "node-number-conflict: another node on the CAN bus has number 42, too";
     let ambiguous = "trims-ambiguous: the pitch trim in a quadplane's attitude depends on its mode";
     [
         (Message::CommandRejected(Refusal::Armed), Warning, "refused armed: the", "; land, disarm and wait for 5 s"),
@@ -185,6 +187,24 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
         (Message::TurnRequested { sigma_rad: 0.06 }, Warning, "turn-wanted: headings have a sigma of 3.4 deg by", ""),
         (Message::InstallationRestored, Info, "iron-back: as calibrated again", ""),
         (Message::TrimsAmbiguous, Warning, ambiguous, "; set bit 8 of FLIGHT_OPTIONS, and Q_TRIM_PITCH=0"),
+        (
+            node_number(true),
+            Warning,
+            same_number,
+            "; this one takes another; give that node another number, or set can-node",
+        ),
+        (
+            node_number(false),
+            Warning,
+            same_number,
+            "; no field is sent; give that node another number, or set can-node",
+        ),
+        (
+            Message::ComponentTaken { taken: 158, component: 25 },
+            Info,
+            "component-taken: another module is component 158; this one is component 25 from",
+            "; to change it: set component",
+        ),
         (Message::SafeMode, Warning, "safe-mode: three starts in a row", "all stored data: cal clear all, then reboot"),
     ]
     .into_iter()
@@ -192,14 +212,17 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
 }
 
 fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
-    use AutopilotReport::{Armed, Compass, Heading, NoAutopilot, NoCompass, NoReply, NotKept, NothingReplaced, Trims};
+    use AutopilotReport::{Armed, Compass, CorrectedTwice, Heading, NoAutopilot, NoCompass, NoReply};
+    use AutopilotReport::{NotKept, NothingReplaced, Trims};
     use ParameterState::{Changed, Missing, NotChanged, Wrong};
     static WANTED: WantedParameter = WantedParameter {
         name_pattern: "COMPASS_OFS#_X",
-        number: Some(1.0),
+        number: WantedNumber::Fixed(1.0),
         reason: "an offset, of 1 mG, marks it as calibrated",
     };
-    let compass = |device_id, priority| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
+    let compass_at =
+        |priority, device_id| Compass(RegisteredCompass { slot: 3, priority, device_id, is_module: false });
+    let compass = |device_id, priority| compass_at(CompassPriority::ArduPilot(priority), device_id);
     let parameter = |state| {
         let (row, slot, priority, number, wanted, is_undo) = (&WANTED, 2, 1, -0.25, 1.0, false);
         AutopilotReport::Parameter(ParameterReport { row, slot, priority, state, number, wanted, is_undo })
@@ -222,7 +245,14 @@ fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
         (compass(658_945, Some(1)), Info, "compass: slot 3, priority 1: another", "I2C bus 0 address 14 (id 658945)"),
         (compass(131_874, None), Info, "compass: slot 3, no priority: another", "SPI bus 4 device 3 (id 131874)"),
         (compass(97_547, Some(2)), Info, "compass: slot 3, ", "DroneCAN bus 1 node 125 (id 97547)"),
+        (compass_at(CompassPriority::Px4, 8_944_899), Info, "compass: CAL_MAG2: another", "0 node 125 (id 8944899)"),
         (compass(5, Some(2)), Info, "compass: slot 3, ", "MSP (id 5)"),
+        (
+            CorrectedTwice { slot: 2, offset_mg: 120.6 },
+            Warning,
+            "corrected-twice: the autopilot's offsets of compass slot 2, 121 mG",
+            "; to remove them: autopilot setup yes",
+        ),
         (Trims([0.0, 3.0]), Info, "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0", "; removed"),
         (Heading(123.44), Info, "heading: 123.4 deg magnetic now", "known one before the autopilot uses it"),
         (Armed, Warning, "armed: the autopilot is armed", "wait for 5 s"),

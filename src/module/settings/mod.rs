@@ -46,6 +46,8 @@ pub struct Settings {
     pub attitude_rate_hz: u8,
     /// Source of the attitude.
     pub attitude_source: AttitudeSource,
+    /// MAVLink component of the module.
+    pub component: u8,
     /// Key of MAVLink's signatures; with a key, frames without a valid signature are rejected.
     pub signing_key: Option<SigningKey>,
     /// Node on a CAN bus.
@@ -142,6 +144,7 @@ impl Settings {
         ports: PortSettings::DEFAULT_OF_PORTS,
         sends_vision_yaw: false,
         attitude_rate_hz: 40,
+        component: 158,
         attitude_source: AttitudeSource::Autopilot,
         signing_key: None,
         can: CanSettings::DEFAULT,
@@ -225,7 +228,7 @@ const RANGE_OF_SENSOR_ERRORS: &str =
 ///
 /// `stream on`, `stream off` and `set align` are commands of their own. The rate of headings, and of the field, is at
 /// most the measurement rate.
-pub static SETTINGS: [Setting; 25] = setting_rows! {
+pub static SETTINGS: [Setting; 26] = setting_rows! {
     "STREAM" 17, stored 7: Switch(|s| &mut s.stream_on, ON_OR_OFF),
         ["", ""] "": "",
         shown ["stream", "", ""], refused "on or off";
@@ -308,6 +311,10 @@ pub static SETTINGS: [Setting; 25] = setting_rows! {
         ["set", "signing"] "PASSPHRASE":
             "sign MAVLink frames, and reject others, with the key of a passphrase, one word",
         shown ["signing", "", ""], refused "a passphrase or off";
+    // MAV_COMP_ID_USER1 and above; 158 is MAV_COMP_ID_PERIPHERAL.
+    "COMPONENT" 24, stored 32: Whole(|s| &mut s.component, [25, 250], "as a component", None),
+        ["set", "component"] "NUMBER": "MAVLink component of the module",
+        shown ["component", "", ""], refused "a component is 25 to 250 in MAVLink";
     // Nodes 126 and 127 are for tools.
     "CAN_NODE" 0, stored 25: Whole(|s| &mut s.can.node, [0, 125], "as a node", Some("by allocation")),
         ["set", "can-node"] "NUMBER": "number on the CAN bus, after a restart; 0: the autopilot gives one",

@@ -77,13 +77,20 @@ impl ParameterTable {
     #[must_use]
     pub fn px4() -> Self {
         let mut table = Self::empty(true);
-        for (name, kind, number) in [
-            ("EKF2_EV_CTRL", LONG, 15.0),
-            ("EKF2_MAG_TYPE", LONG, 0.0),
-            ("EKF2_EVA_NOISE", FLOAT, 0.1),
-            ("CAL_MAG0_ID", LONG, 0.0),
-        ] {
+        for (name, kind, number) in
+            [("EKF2_EV_CTRL", LONG, 15.0), ("EKF2_MAG_TYPE", LONG, 0.0), ("EKF2_EVA_NOISE", FLOAT, 0.1)]
+        {
             table.add_parameter(name, kind, number);
+        }
+        for slot in 0..4 {
+            for (name, number) in [("ID", 0.0), ("PRIO", -1.0), ("ROT", -1.0)] {
+                table.add_parameter(&format!("CAL_MAG{slot}_{name}"), LONG, number);
+            }
+            for (vector, number) in [("OFF", 0.0), ("SCALE", 1.0), ("ODIAG", 0.0), ("COMP", 0.0)] {
+                for axis in ["X", "Y", "Z"] {
+                    table.add_parameter(&format!("CAL_MAG{slot}_{axis}{vector}"), FLOAT, number);
+                }
+            }
         }
         table
     }

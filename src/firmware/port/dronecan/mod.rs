@@ -105,6 +105,7 @@ pub struct CanNode {
     status_schedule: MessageSchedule,
     /// Time of the last frame of another node with this number.
     last_conflict_at: Option<Timestamp>,
+    conflict_message: Option<Notice>,
     frame_counts: BusCounts,
     received_transfer_count: u32,
 }
@@ -128,6 +129,7 @@ impl CanNode {
             field_schedule: MessageSchedule::new(),
             status_schedule: MessageSchedule::new(),
             last_conflict_at: None,
+            conflict_message: None,
             frame_counts: BusCounts::default(),
             received_transfer_count: 0,
         }
@@ -149,9 +151,12 @@ impl CanNode {
         self.frame_counts.received_frames = self.frame_counts.received_frames.wrapping_add(1);
         let own = self.node_id();
         let header = FrameHeader::from_id(frame.frame_id());
-        if own.is_some() && header.and_then(|header| header.source_node) == own {
-            self.on_number_conflict(at);
-            return;
+        if let Some(source) = header.and_then(|header| header.source_node) {
+            self.allocation.record_other_node(source);
+            if own == Some(source) {
+                self.on_number_conflict(at, source);
+                return;
+            }
         }
         if self.is_safe_mode
             && !header.is_some_and(|header| SAFE_MODE_TYPES.iter().any(|known| known.matches_header(header)))
@@ -241,6 +246,11 @@ impl CanNode {
         self.tunnel.mavlink.queue_text(message);
     }
 
+    /// Takes a message for all users.
+    pub fn take_message(&mut self, now: Timestamp) -> Option<Notice> {
+        self.conflict_message.take().or_else(|| self.tunnel.mavlink.take_message(now))
+    }
+
     /// MAVLink of the autopilot at the other end of the tunnel.
     pub const fn mavlink(&mut self) -> &mut Mavlink {
         &mut self.tunnel.mavlink
@@ -297,9 +307,13 @@ impl CanNode {
 
     /// Handles another node with this number: a configured number stays, but no field is sent; instead of an allocated
     /// one another is requested.
-    fn on_number_conflict(&mut self, at: Timestamp) {
+    fn on_number_conflict(&mut self, at: Timestamp, own_node: NodeId) {
+        let is_given_up = matches!(self.node_address, NodeAddress::Allocated(_));
+        if !self.has_number_conflict(at) {
+            self.conflict_message = Some(Notice::NodeNumberConflict { number: own_node.number(), is_given_up });
+        }
         self.last_conflict_at = Some(at);
-        if let NodeAddress::Allocated(_) = self.node_address {
+        if is_given_up {
             self.node_address = NodeAddress::Unallocated;
             self.outbox.clear();
         }

@@ -1,9 +1,11 @@
-//! The autopilot's parameters: one client, and its users in turn. A check or a setup comes before the trims.
+//! The autopilot's parameters: one client, and its users in turn. A check or a setup comes before the trims, and these
+//! before the offsets.
 
 use mavlink_dialect::MavAutopilot;
 
 use super::attitude_trims::AttitudeTrims;
 use super::autopilot_setup::{AutopilotSetup, SetupContext};
+use super::compass_offsets::CompassOffsets;
 use super::parameter_client::ParameterClient;
 use super::transmitter::Transmitter;
 use crate::port::message_schedule::MessageSchedule;
@@ -15,8 +17,9 @@ use autoswing::time::Timestamp;
 use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
 use autoswing_module::messages::{AutopilotReport, Message};
 
-/// Time after which the trims are read again, microseconds: a change without a message, or whose message was lost.
-const TRIM_PERIOD_US: u64 = 30_000_000;
+/// Time after which trims and offsets are read again, microseconds: a change without a message, or whose message was
+/// lost.
+const MONITOR_PERIOD_US: u64 = 30_000_000;
 
 /// Rate of reports, Hz: a text of three chunks takes 0.3 s.
 const REPORT_HZ: u8 = 3;
@@ -28,8 +31,9 @@ pub(super) struct AutopilotParameters {
     autopilot: Option<(SenderId, MavAutopilot)>,
     client: ParameterClient,
     trims: AttitudeTrims,
-    /// Whether the client's read is one of the trims.
-    is_reading_trim: bool,
+    offsets: CompassOffsets,
+    /// Whether the client's read is one of trims and offsets.
+    is_monitoring: bool,
     setup: AutopilotSetup,
     awaits_restart: bool,
     report_schedule: MessageSchedule,
@@ -41,6 +45,11 @@ impl AutopilotParameters {
         if self.autopilot != Some((autopilot, firmware)) {
             *self = Self { autopilot: Some((autopilot, firmware)), ..Self::default() };
         }
+    }
+
+    /// Address and firmware of the selected autopilot.
+    pub fn autopilot(&self) -> Option<(Address, MavAutopilot)> {
+        self.autopilot.map(|(sender, firmware)| (Address::from_sender(sender), firmware))
     }
 
     /// Processes a parameter of the selected autopilot.
@@ -60,15 +69,15 @@ impl AutopilotParameters {
 
     /// Begins an action on the autopilot, in place of a check or a setup in progress.
     pub fn begin_action(&mut self, action: AutopilotAction) {
-        if !self.is_reading_trim {
+        if !self.is_monitoring {
             self.client = ParameterClient::default();
         }
-        let is_supported = self.is_ardupilot() || self.encoding() == ParameterEncoding::Bytewise;
-        match action {
-            AutopilotAction::Restart if self.autopilot.is_some() => self.awaits_restart = true,
-            AutopilotAction::Check | AutopilotAction::Setup | AutopilotAction::Undo if is_supported => {
-                self.setup.begin(action);
-            }
+        match (action, self.autopilot) {
+            (AutopilotAction::Restart, Some(_)) => self.awaits_restart = true,
+            (
+                AutopilotAction::Check | AutopilotAction::Setup | AutopilotAction::Undo,
+                Some((_, firmware @ (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA | MavAutopilot::MAV_AUTOPILOT_PX4))),
+            ) => self.setup.begin(action, firmware),
             _ => self.setup.end(AutopilotReport::NoAutopilot),
         }
     }
@@ -77,6 +86,9 @@ impl AutopilotParameters {
     pub fn take_message(&mut self, now: Timestamp) -> Option<Message> {
         if self.trims.take_ambiguity() {
             return Some(Message::TrimsAmbiguous);
+        }
+        if let Some(report) = self.offsets.take_report() {
+            return Some(Message::Autopilot(report));
         }
         if self.setup.has_report() && self.report_schedule.is_due(now, REPORT_HZ) {
             return self.setup.take_report().map(Message::Autopilot);
@@ -97,7 +109,7 @@ impl AutopilotParameters {
             self.awaits_restart = is_disarmed && !line.send_message(OutboundMessage::autopilot_restart(address));
             return is_disarmed && !self.awaits_restart;
         }
-        if self.setup.is_running() && !self.is_reading_trim {
+        if self.setup.is_running() && !self.is_monitoring {
             let is_calibrated = snapshot.indicator_state == IndicatorState::Calibrated;
             let heading = snapshot.estimate.heading.ok().filter(|_| is_calibrated);
             let context = SetupContext {
@@ -113,25 +125,31 @@ impl AutopilotParameters {
             };
             self.setup.advance(context, &mut self.client);
         } else if self.is_ardupilot() {
-            self.read_next_trim(snapshot.now);
+            self.monitor_parameters(snapshot.now, snapshot.can_node);
         }
         self.client.send_due_request(snapshot.now, address, self.encoding(), line)
     }
 
-    fn read_next_trim(&mut self, now: Timestamp) {
-        if self.client.take_result().is_some() {
-            self.trims.advance_reading();
-            self.is_reading_trim = false;
+    /// Reads trims and offsets, one at a time.
+    fn monitor_parameters(&mut self, now: Timestamp, can_node: Option<u8>) {
+        if let Some(result) = self.client.take_result() {
+            self.is_monitoring = false;
+            if self.trims.next_name().is_some() {
+                self.trims.advance_reading();
+            } else {
+                self.offsets.complete_reading(result.ok(), can_node);
+            }
         }
-        if self.is_reading_trim || self.setup.is_running() {
+        if self.is_monitoring || self.setup.is_running() {
             return;
         }
-        if now.us_since(self.client.last_request_at()) >= TRIM_PERIOD_US {
+        if now.us_since(self.client.last_request_at()) >= MONITOR_PERIOD_US {
             self.trims.restart_reading();
+            self.offsets.restart_reading();
         }
-        if let Some(name) = self.trims.next_name() {
+        if let Some(name) = self.trims.next_name().or_else(|| self.offsets.next_name()) {
             self.client.begin_read(name);
-            self.is_reading_trim = true;
+            self.is_monitoring = true;
         }
     }
 

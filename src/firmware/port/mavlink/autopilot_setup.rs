@@ -12,15 +12,16 @@ use super::wanted_parameters::{CalibrationStage, PARAMETER_ROWS, ParameterRow, S
 use autoswing::time::Timestamp;
 use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::messages::{
-    AutopilotReport, ParameterCounts, ParameterName, ParameterReport, ParameterState, RegisteredCompass,
+    AutopilotReport, CompassPriority, ParameterCounts, ParameterName, ParameterReport, ParameterState,
+    RegisteredCompass, WantedNumber,
 };
 use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
 
 /// Number of compasses that ArduPilot uses.
-const COMPASS_COUNT: usize = 3;
+const ARDUPILOT_COMPASS_COUNT: usize = 3;
 
-/// Ids by priority, then by slot.
-const ID_NAMES: [&str; 2 * COMPASS_COUNT] = [
+/// ArduPilot's device ids by priority, then by slot.
+const ARDUPILOT_ID_NAMES: [&str; 2 * ARDUPILOT_COMPASS_COUNT] = [
     "COMPASS_PRIO1_ID",
     "COMPASS_PRIO2_ID",
     "COMPASS_PRIO3_ID",
@@ -29,8 +30,8 @@ const ID_NAMES: [&str; 2 * COMPASS_COUNT] = [
     "COMPASS_DEV_ID3",
 ];
 
-/// Step after all parameters.
-const ROWS_END: usize = ID_NAMES.len() + PARAMETER_ROWS.len();
+/// PX4's device ids by slot.
+const PX4_ID_NAMES: [&str; 4] = ["CAL_MAG0_ID", "CAL_MAG1_ID", "CAL_MAG2_ID", "CAL_MAG3_ID"];
 
 /// Time after which a number that is not kept yet is passed on again, microseconds; a save takes 50 ms.
 const KEEP_TIMEOUT_US: u64 = 1_000_000;
@@ -61,6 +62,8 @@ pub(super) struct SetupContext<'a> {
 #[derive(Debug)]
 struct Keeping {
     replaced: ReplacedNumber,
+    /// Number to write afterwards; none if one is forgotten.
+    next_number: Option<f32>,
     attempts: u8,
     requested_at: Timestamp,
 }
@@ -70,12 +73,16 @@ struct Keeping {
 pub(super) struct AutopilotSetup {
     /// What is in progress.
     action: Option<AutopilotAction>,
+    /// Names of the device ids.
+    id_names: &'static [&'static str],
     /// Index of the id, then of the row of the table.
     step: u8,
-    /// Device ids by priority.
-    priority_ids: [u32; COMPASS_COUNT],
-    /// Slot and priority of the module, counted from 1.
+    /// ArduPilot's device ids by priority.
+    priority_ids: [u32; ARDUPILOT_COMPASS_COUNT],
+    /// Slot and priority of the module, counted from 1; PX4 has no priority, 0.
     module_compass: Option<(u8, u8)>,
+    /// First slot of PX4 without a compass, counted from 1.
+    free_slot: Option<u8>,
     /// Whether the autopilot has answered.
     has_reply: bool,
     /// Number before the write in progress.
@@ -89,9 +96,11 @@ pub(super) struct AutopilotSetup {
 
 impl AutopilotSetup {
     /// Begins a check, a setup or an undo.
-    pub fn begin(&mut self, action: AutopilotAction) {
-        let step = if action == AutopilotAction::Undo { ID_NAMES.len() as u8 } else { 0 };
-        *self = Self { action: Some(action), step, ..Self::default() };
+    pub fn begin(&mut self, action: AutopilotAction, firmware: MavAutopilot) {
+        let id_names: &[&str] =
+            if firmware == MavAutopilot::MAV_AUTOPILOT_PX4 { &PX4_ID_NAMES } else { &ARDUPILOT_ID_NAMES };
+        let step = if action == AutopilotAction::Undo { id_names.len() as u8 } else { 0 };
+        *self = Self { action: Some(action), id_names, step, ..Self::default() };
     }
 
     pub const fn is_running(&self) -> bool {
@@ -131,12 +140,11 @@ impl AutopilotSetup {
         let Some(keeping) = &mut self.keeping else { return false };
         let ReplacedNumber { row, compass, number } = keeping.replaced;
         if context.replaced_numbers.number(row, compass) == number {
-            self.keeping = None;
-            let wanted = self.row().and_then(|row| row.wanted.number);
-            match wanted.filter(|_| number.is_some()) {
-                Some(wanted) => client.begin_write(wanted),
+            match keeping.next_number {
+                Some(number) => client.begin_write(number),
                 None => self.step += 1,
             }
+            self.keeping = None;
             return false;
         }
         if keeping.attempts > 0 && context.now.us_since(keeping.requested_at) < KEEP_TIMEOUT_US {
@@ -155,20 +163,22 @@ impl AutopilotSetup {
         context.replaced_numbers.number(row.position(), self.module_compass.unwrap_or_default())
     }
 
-    fn keep_number(&mut self, row: u8, number: Option<f32>) {
+    fn keep_number(&mut self, row: u8, number: Option<f32>, next_number: Option<f32>) {
         let compass = self.module_compass.unwrap_or_default();
         let replaced = ReplacedNumber { row, compass, number };
-        self.keeping = Some(Keeping { replaced, attempts: 0, requested_at: Timestamp::from_us(0) });
+        self.keeping = Some(Keeping { replaced, next_number, attempts: 0, requested_at: Timestamp::from_us(0) });
     }
 
     fn begin_next_read(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
         if self.action == Some(AutopilotAction::Undo) {
             self.module_compass = Some(context.replaced_numbers.compass());
         }
-        if context.firmware != MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA {
-            self.step = self.step.max(ID_NAMES.len() as u8);
+        let has_all_ids = usize::from(self.step) == self.id_names.len();
+        if has_all_ids && self.module_compass.is_none() && !context.sends_vision_yaw {
+            return self.end(AutopilotReport::NoCompass);
         }
-        while usize::from(self.step) < ROWS_END {
+        let rows_end = self.id_names.len() + PARAMETER_ROWS.len();
+        while usize::from(self.step) < rows_end {
             if let Some(name) = self.name_of_step(context) {
                 client.begin_read(name);
                 return;
@@ -185,7 +195,7 @@ impl AutopilotSetup {
             has_trims.then_some(AutopilotReport::Trims(context.trims_deg)),
             context.heading_deg.filter(|_| self.action == Some(AutopilotAction::Check)).map(AutopilotReport::Heading),
         ];
-        self.report = later_reports.into_iter().skip(usize::from(self.step) - ROWS_END).find_map(|report| {
+        self.report = later_reports.into_iter().skip(usize::from(self.step) - rows_end).find_map(|report| {
             self.step += 1;
             report
         });
@@ -196,7 +206,7 @@ impl AutopilotSetup {
 
     /// Name of the parameter of this step, if it concerns this autopilot and module.
     fn name_of_step(&self, context: SetupContext<'_>) -> Option<ParameterName> {
-        if let Some(name) = ID_NAMES.get(usize::from(self.step)) {
+        if let Some(name) = self.id_names.get(usize::from(self.step)) {
             return Some(ParameterName::new(name));
         }
         let (slot, priority) = self.module_compass.unwrap_or_default();
@@ -204,7 +214,7 @@ impl AutopilotSetup {
     }
 
     fn row(&self) -> Option<&'static ParameterRow> {
-        PARAMETER_ROWS.get(usize::from(self.step).checked_sub(ID_NAMES.len())?)
+        PARAMETER_ROWS.get(usize::from(self.step).checked_sub(self.id_names.len())?)
     }
 
     fn is_applicable(&self, row: &'static ParameterRow, context: SetupContext<'_>) -> bool {
@@ -238,30 +248,32 @@ impl AutopilotSetup {
     }
 
     fn process_id(&mut self, context: SetupContext<'_>, device_id: u32) {
+        let is_px4 = context.firmware == MavAutopilot::MAV_AUTOPILOT_PX4;
         let step = usize::from(self.step);
         self.step += 1;
-        if let Some(priority_id) = self.priority_ids.get_mut(step) {
-            *priority_id = device_id;
-            return;
+        let slot = (if is_px4 { step } else { step % ARDUPILOT_COMPASS_COUNT }) as u8 + 1;
+        match self.priority_ids.get_mut(step) {
+            Some(priority_id) if !is_px4 => *priority_id = device_id,
+            _ if device_id != 0 => self.process_compass(slot, device_id, context),
+            _ => self.free_slot = self.free_slot.or(Some(slot)),
         }
-        if device_id != 0 {
-            self.process_compass((step - COMPASS_COUNT) as u8 + 1, device_id, context);
-        }
-        if usize::from(self.step) == ID_NAMES.len()
-            && self.module_compass.is_none()
-            && !context.sends_vision_yaw
-            && self.report.is_none()
-        {
-            self.end(AutopilotReport::NoCompass);
+        let has_all_ids = usize::from(self.step) == self.id_names.len();
+        if is_px4 && has_all_ids && self.module_compass.is_none() && context.can_node.is_some() {
+            self.module_compass = self.free_slot.map(|slot| (slot, 0));
         }
     }
 
     fn process_compass(&mut self, slot: u8, device_id: u32, context: SetupContext<'_>) {
-        let index = self.priority_ids.iter().position(|priority_id| *priority_id == device_id);
-        let priority = index.map(|index| index as u8 + 1);
         let is_module = is_device_of_module(device_id, context.can_node);
-        if let Some(priority) = priority.filter(|_| is_module) {
-            self.module_compass = Some((slot, priority));
+        let index = self.priority_ids.iter().position(|priority_id| *priority_id == device_id);
+        let (priority, priority_number) = if context.firmware == MavAutopilot::MAV_AUTOPILOT_PX4 {
+            (CompassPriority::Px4, Some(0))
+        } else {
+            let number = index.map(|index| index as u8 + 1);
+            (CompassPriority::ArduPilot(number), number)
+        };
+        if is_module {
+            self.module_compass = priority_number.map(|priority| (slot, priority)).or(self.module_compass);
         }
         let compass = RegisteredCompass { slot, priority, device_id, is_module };
         self.report = Some(AutopilotReport::Compass(compass));
@@ -277,18 +289,24 @@ impl AutopilotSetup {
         let is_undo = self.action == Some(AutopilotAction::Undo);
         let read_number = result.unwrap_or(0.0);
         let replaced_number = self.replaced_number(row, context);
-        let wanted = if is_undo { replaced_number } else { row.wanted.number };
-        let wanted = wanted.or(self.number_before).unwrap_or(read_number);
+        let wanted = match row.wanted.number {
+            _ if is_undo => replaced_number.unwrap_or(read_number),
+            WantedNumber::Fixed(number) => number,
+            WantedNumber::Present => self.number_before.unwrap_or(read_number),
+            WantedNumber::CanDevice if is_device_of_module(read_number as u32, context.can_node) => read_number,
+            WantedNumber::CanDevice => context.can_node.map_or(read_number, px4_device_id),
+        };
+        let is_rewritten = row.wanted.number == WantedNumber::Present;
         let is_right = is_same_number(read_number, wanted);
         let (number, state) = match (result, self.number_before) {
-            (Ok(number), None) if self.is_to_write(row, context) && (!is_right || row.wanted.number.is_none()) => {
+            (Ok(number), None) if self.is_to_write(row, context) && (!is_right || is_rewritten) => {
                 self.number_before = Some(number);
                 if !context.is_disarmed {
                     self.end(AutopilotReport::Armed);
-                } else if is_undo || row.wanted.number.is_none() || replaced_number.is_some() {
+                } else if is_undo || is_rewritten || replaced_number.is_some() {
                     client.begin_write(wanted);
                 } else {
-                    self.keep_number(row.position(), Some(number));
+                    self.keep_number(row.position(), Some(number), Some(wanted));
                 }
                 return;
             }
@@ -316,7 +334,7 @@ impl AutopilotSetup {
         });
         self.number_before = None;
         if is_undo && !matches!(state, Some(ParameterState::NotChanged | ParameterState::Missing)) {
-            self.keep_number(row.position(), None);
+            self.keep_number(row.position(), None, None);
         } else {
             self.step += 1;
         }
@@ -338,9 +356,19 @@ impl AutopilotSetup {
     }
 }
 
-/// Whether ArduPilot's device id (`AP_HAL::Device`) is that of a compass by MSP, or of this node's on a CAN bus.
-fn is_device_of_module(device_id: u32, can_node: Option<u8>) -> bool {
-    const DRONECAN_BUS: u32 = 3;
+/// Kind of bus in a device id: DroneCAN.
+const DRONECAN_BUS: u32 = 3;
+
+/// PX4's device id of a compass on the first CAN bus (mag.cpp and sensor_bridge.cpp of uavcan, drv_sensor.h).
+fn px4_device_id(can_node: u8) -> f32 {
+    const UAVCAN_MAGNETOMETER: u32 = 0x88;
+    // Exact: 24 bits.
+    (UAVCAN_MAGNETOMETER << 16 | u32::from(can_node) << 8 | DRONECAN_BUS) as f32
+}
+
+/// Whether a device id (ArduPilot's `AP_HAL::Device`, PX4's `device::Device`) is that of a compass by MSP, or of this
+/// node's on a CAN bus.
+pub(super) fn is_device_of_module(device_id: u32, can_node: Option<u8>) -> bool {
     const MSP_BUS: u32 = 5;
     let (bus_kind, address) = (device_id & 7, device_id >> 8 & 0xFF);
     match bus_kind {

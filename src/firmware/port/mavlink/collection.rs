@@ -58,14 +58,17 @@ impl CollectionReporter {
             self.reported_calibration = Some((*calibration, uncertainty.relative_sensor_sigma));
             self.calibration_count = self.calibration_count.wrapping_add(1);
         }
+        let component = snapshot.settings.component;
         // An automatic collection continues after a refused solve: that outcome does not end it.
         let outcome = self.last_solve_success.take();
         match (self.reported_progress_tenths, snapshot.indicator_state) {
             (reported_progress_tenths, IndicatorState::Collecting(percent)) => {
-                self.report_progress(reported_progress_tenths, percent, texts);
+                self.report_progress(reported_progress_tenths, percent, texts, component);
             }
             (Some(_), indicator) => {
-                texts.push_message(&Message::CollectionEnded);
+                if outcome.is_none() {
+                    texts.push_message(&Message::CollectionEnded, component);
+                }
                 self.reported_progress_tenths = None;
                 self.pending_report_success = outcome.or((indicator != IndicatorState::Idle).then_some(false));
             }
@@ -74,13 +77,13 @@ impl CollectionReporter {
     }
 
     /// Queues a text for each tenth of progress, and for a collection that starts again from nothing.
-    fn report_progress(&mut self, reported: Option<u8>, percent: u8, texts: &mut PendingTexts) {
+    fn report_progress(&mut self, reported: Option<u8>, percent: u8, texts: &mut PendingTexts, component: u8) {
         let reported_progress_tenths = percent / 10;
         let is_new =
             reported.is_none_or(|reported| reported_progress_tenths > reported || (percent == 0 && reported > 0));
         if is_new {
             self.reported_progress_tenths = Some(reported_progress_tenths);
-            texts.push_message(&Message::Collecting(10 * reported_progress_tenths));
+            texts.push_message(&Message::Collecting(10 * reported_progress_tenths), component);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use mavlink_dialect::{MavCmd, MavResult};
 
-use super::transmitter::{OWN_COMPONENT, Transmitter};
+use super::transmitter::Transmitter;
 use crate::wire::mavlink::{Address, OutboundMessage, ReceivedCommand};
 use autoswing::attitude::SenderId;
 use autoswing::calibration::method_selection::Procedure;
@@ -138,7 +138,9 @@ fn requested_command(received: &ReceivedCommand) -> Result<Command, CommandRejec
         DO_ACCEPT_MAG_CAL => Ok(Command::CalSolve(None)),
         DO_CANCEL_MAG_CAL => Ok(Command::CalAbort),
         AUTOPILOT_COMMAND => autopilot_action(received.parameters).map(Command::Autopilot),
-        REBOOT_COMMAND if requests_module_restart(received.parameters) => Ok(Command::Restart),
+        REBOOT_COMMAND if requests_module_restart(received.parameters, received.target.component_id) => {
+            Ok(Command::Restart)
+        }
         REBOOT_COMMAND => {
             const PARAMETER_OUT_OF_RANGE: OutOfRange =
                 OutOfRange("the module can restart, but neither shut down nor wait in a bootloader");
@@ -163,8 +165,11 @@ fn autopilot_action([action, ..]: [f32; 4]) -> Result<AutopilotAction, CommandRe
 
 /// Whether the parameters request a restart of this component: the first one of all components, the third one of the
 /// component in the fourth, 0 for all (MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN in common.xml).
-fn requests_module_restart([autopilot, _companion, component, addressed_component]: [f32; 4]) -> bool {
+fn requests_module_restart(
+    [autopilot, _companion, component, addressed_component]: [f32; 4],
+    own_component: u8,
+) -> bool {
     const REBOOT_PARAMETER: f32 = 1.0;
     autopilot == REBOOT_PARAMETER
-        || (component == REBOOT_PARAMETER && [0.0, f32::from(OWN_COMPONENT)].contains(&addressed_component))
+        || (component == REBOOT_PARAMETER && [0.0, f32::from(own_component)].contains(&addressed_component))
 }

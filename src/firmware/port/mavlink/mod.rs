@@ -1,4 +1,4 @@
-//! MAVLink: the module as component 158, a peripheral, of the autopilot's system.
+//! MAVLink: the module as a component, usually 158, a peripheral, of the autopilot's system.
 //!
 //! The autopilot is the selected sender of attitude, or without attitude the first autopilot that sends a heartbeat.
 //! Until one is known the module sends nothing, because neither its system nor the use of MAVLink on the line is known.
@@ -8,7 +8,7 @@
 //! - requests attitude, current, position and time from the autopilot;
 //! - reads ArduPilot's trims, and turns its attitude back into the frame of its compasses;
 //! - sends and changes its settings as parameters;
-//! - accepts commands to component 158 from any sender. Commands to all components are left to the autopilot, whose own
+//! - accepts commands to its component from any sender. Commands to all components are left to the autopilot, whose own
 //!   compass they are meant for;
 //! - sends texts, progress and report of collections, and headings as named values;
 //! - sends the heading as a pose if it is to replace the autopilot's own yaw.
@@ -21,6 +21,9 @@ mod autopilot_parameters;
 mod autopilot_setup;
 mod collection;
 mod commands;
+mod compass_offsets;
+mod component;
+mod heading_reset;
 mod own_parameters;
 mod parameter_client;
 mod requests;
@@ -46,11 +49,12 @@ use autoswing_module::messages::{Message as Notice, Refusal};
 use autoswing_module::settings::{HeadingKind, SigningKey};
 use collection::CollectionReporter;
 use commands::CommandHandler;
-use own_parameters::OwnParameters;
+use component::{ComponentClaim, LISTENING_COMPONENT};
+use heading_reset::HeadingReset;
+use own_parameters::{OwnParameters, component_change};
 use requests::RequestSequence;
 use status_texts::PendingTexts;
 pub(super) use transmitter::Transmitter;
-use transmitter::{OWN_COMPONENT, own_address};
 
 /// Rate of poses, Hz. Autopilots drop poses at higher rates, and detect a loss below 3 Hz.
 const POSE_HZ: u8 = 50;
@@ -65,6 +69,10 @@ pub struct Mavlink {
     receiver: MavlinkReceiver,
     sender_selector: SenderSelector,
     sequence_number: u8,
+    component_claim: ComponentClaim,
+    /// Command that changes the component, and the message about it.
+    component_change: Option<Command>,
+    component_notice: Option<Notice>,
     request_sequence: RequestSequence,
     autopilot_parameters: AutopilotParameters,
     own_parameters: OwnParameters,
@@ -72,6 +80,7 @@ pub struct Mavlink {
     pending_texts: PendingTexts,
     collection_reporter: CollectionReporter,
     pose_schedule: MessageSchedule,
+    heading_reset: HeadingReset,
     /// Count of the calibration for which a smoothed heading has been available.
     smoothed_calibration: Option<u8>,
     heartbeat_schedule: MessageSchedule,
@@ -112,17 +121,17 @@ impl Mavlink {
         if let Notice::Solved(outcome) = message {
             self.collection_reporter.record_outcome(outcome);
         }
-        self.pending_texts.push_message(message);
+        self.pending_texts.push_message(message, self.component_claim.component());
     }
 
     /// Takes a message about the autopilot, for all users.
     pub fn take_message(&mut self, now: Timestamp) -> Option<Notice> {
-        self.autopilot_parameters.take_message(now)
+        self.component_notice.take().or_else(|| self.autopilot_parameters.take_message(now))
     }
 
-    /// Takes a command that an action on the autopilot needs.
-    pub const fn take_command(&mut self) -> Option<Command> {
-        self.autopilot_parameters.take_command()
+    /// Takes a command that an action on the autopilot needs, or another module with the same component.
+    pub fn take_command(&mut self) -> Option<Command> {
+        self.component_change.take().or_else(|| self.autopilot_parameters.take_command())
     }
 
     /// Begins an action on the autopilot.
@@ -133,11 +142,19 @@ impl Mavlink {
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.sender_selector.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
-        let is_own =
-            |target: Address| autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)));
+        let own_component = self.component_claim.component();
+        let is_component = |target: Address, component_id| {
+            let own_address = |autopilot| Address { component_id, ..Address::from_sender(autopilot) };
+            autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)))
+        };
+        let is_own = |target: Address| is_component(target, own_component);
         match message {
             InboundMessage::Heartbeat(heartbeat, firmware) => {
                 self.sender_selector.update_heartbeat(at, heartbeat);
+                let Address { system_id, component_id } = Address::from_sender(heartbeat.sender);
+                if autopilot.is_some_and(|autopilot| Address::from_sender(autopilot).system_id == system_id) {
+                    self.component_claim.on_heartbeat(component_id);
+                }
                 if self.sender_selector.autopilot_to_query(at) == Some(heartbeat.sender) {
                     self.autopilot_parameters.on_heartbeat(heartbeat.sender, firmware);
                 }
@@ -157,7 +174,7 @@ impl Mavlink {
                 current.filter(|_| is_autopilot(&source)).map(ReceivedMessage::Current)
             }
             InboundMessage::Command(command)
-                if command.target.component_id == OWN_COMPONENT && is_own(command.target) =>
+                if command.target.component_id == own_component && is_own(command.target) =>
             {
                 match self.command_handler.process_command(at, &command) {
                     Ok(command) => Some(ReceivedMessage::Command(command)),
@@ -168,13 +185,15 @@ impl Mavlink {
                 }
             }
             InboundMessage::Acknowledgement(ack) => {
-                if is_autopilot(&ack.sender_id) && is_own(ack.target) {
+                let is_to_module = is_own(ack.target) || is_component(ack.target, LISTENING_COMPONENT);
+                if is_autopilot(&ack.sender_id) && is_to_module {
                     self.request_sequence.on_acknowledgement(at, ack);
+                    self.heading_reset.on_acknowledgement(ack);
                 }
                 None
             }
             InboundMessage::ParameterRequest(target, request)
-                if is_own(target) && (target.component_id == OWN_COMPONENT || request == ParameterRequest::List) =>
+                if is_own(target) && (target.component_id == own_component || request == ParameterRequest::List) =>
             {
                 self.own_parameters.process_request(&request).map(ReceivedMessage::Command)
             }
@@ -191,7 +210,8 @@ impl Mavlink {
     /// Queues the reason of a refused command as a text.
     fn queue_refusal(&mut self, reason: Option<Refusal>) {
         if let Some(refusal) = reason {
-            self.pending_texts.push_message(&Notice::CommandRejected(refusal));
+            let component = self.component_claim.component();
+            self.pending_texts.push_message(&Notice::CommandRejected(refusal), component);
         }
     }
 
@@ -206,7 +226,8 @@ impl Mavlink {
         line.send_message(OutboundMessage::named_value(snapshot.now, name, value))
     }
 
-    fn send_pose(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+    /// Sends the due pose, or a reset of the yaw to it.
+    fn send_pose(&mut self, snapshot: &Snapshot<'_>, is_armed: bool, line: &mut Transmitter<'_>) -> bool {
         if !line.has_room_for_bulk() {
             return false;
         }
@@ -215,7 +236,13 @@ impl Mavlink {
             self.smoothed_calibration = Some(calibration_count);
         }
         let is_smoothed = self.smoothed_calibration == Some(calibration_count);
-        let Some(pose) = current_pose(snapshot, is_smoothed, calibration_count) else { return false };
+        let pose = current_pose(snapshot, is_smoothed, calibration_count);
+        if let Some(autopilot) = self.autopilot_parameters.autopilot()
+            && self.heading_reset.send_due_command(snapshot.now, autopilot, is_armed, pose.as_ref(), line)
+        {
+            return true;
+        }
+        let Some(pose) = pose else { return false };
         self.pose_schedule.is_due(snapshot.now, POSE_HZ) && line.send_message(OutboundMessage::pose_estimate(&pose))
     }
 
@@ -263,19 +290,34 @@ impl Mavlink {
         self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
         let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
-        let is_disarmed = self.sender_selector.is_armed(now) == Some(false);
+        let is_armed = self.sender_selector.is_armed(now);
+        let is_settled = is_armed == Some(true) || snapshot.has_other_mavlink_line;
+        if let Some(component) = self.component_claim.update(now, snapshot.settings.component, is_settled) {
+            self.component_change = component_change(component);
+            self.component_notice = Some(Notice::ComponentTaken { taken: snapshot.settings.component, component });
+        }
+        let is_claimed = self.component_claim.is_claimed();
         let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
-        let line = &mut Transmitter::new(out, autopilot, &mut sequence, &mut signatures);
-        let _is_sent = self.command_handler.send_next_acknowledgement(line)
-            || self.send_pose(snapshot, line)
-            || self.send_heartbeat(snapshot, line)
+        let line = &mut Transmitter::new(
+            out,
+            (autopilot, self.component_claim.sender_component()),
+            &mut sequence,
+            &mut signatures,
+        );
+        let is_sent = is_claimed && self.command_handler.send_next_acknowledgement(line)
+            || self.send_pose(snapshot, is_armed == Some(true), line)
+            || is_claimed && self.send_heartbeat(snapshot, line)
+            || self.autopilot_parameters.send_due_request(snapshot, is_armed == Some(false), line)
             || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
-            || self.autopilot_parameters.send_due_request(snapshot, is_disarmed, line)
-            || self.own_parameters.send_next_parameter(snapshot.settings, line)
-            || self.collection_reporter.send_report_or_progress(snapshot, line)
-            || self.send_progress_percent(snapshot, line)
-            || self.pending_texts.send_next_chunk(now, line)
-            || self.send_heading(snapshot, line);
+            || is_claimed
+                && (self.own_parameters.send_next_parameter(snapshot.settings, line)
+                    || self.collection_reporter.send_report_or_progress(snapshot, line)
+                    || self.send_progress_percent(snapshot, line)
+                    || self.pending_texts.send_next_chunk(now, line)
+                    || self.send_heading(snapshot, line));
+        if is_sent {
+            self.component_claim.on_message_sent(now);
+        }
         (self.sequence_number, self.receiver.signatures) = (sequence, signatures);
     }
 }

@@ -7,7 +7,7 @@ use super::transmitter::Transmitter;
 use crate::wire::mavlink::{OutboundMessage, ParameterEncoding, ParameterRequest};
 use autoswing_module::compass::Command;
 use autoswing_module::messages::ParameterName;
-use autoswing_module::settings::{Setting, Settings};
+use autoswing_module::settings::{Setting, SettingValue, Settings};
 
 /// Parameters to send.
 #[derive(Debug, Default)]
@@ -72,4 +72,10 @@ impl OwnParameters {
 fn setting_by_name(name: ParameterName) -> Option<&'static Setting> {
     let length = name.0.iter().position(|byte| *byte == 0).unwrap_or(name.0.len());
     name.0.get(..length).and_then(Setting::from_parameter_name)
+}
+
+/// Change of the component, which is a parameter, too.
+pub(super) fn component_change(component: u8) -> Option<Command> {
+    let setting = Setting::from_parameter_name(b"COMPONENT")?;
+    setting.change_to(SettingValue::Whole(component.into())).map(Command::Set)
 }

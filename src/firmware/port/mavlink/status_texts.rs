@@ -7,9 +7,7 @@ use crate::port::text_queue::TextQueue;
 use crate::wire::mavlink::OutboundMessage;
 use autoswing::time::Timestamp;
 use autoswing_module::messages::{Message, Severity};
-
-/// Prefix of every text: a ground station shows the texts of all components in one list.
-const TEXT_PREFIX: &str = "autoswing: ";
+use autoswing_module::settings::Settings;
 
 /// Pending texts.
 #[derive(Debug, Default)]
@@ -20,9 +18,14 @@ pub(super) struct PendingTexts {
 }
 
 impl PendingTexts {
-    /// Queues a message.
-    pub fn push_message(&mut self, message: &Message) {
-        self.queue.push_text(message.severity(), format_args!("{TEXT_PREFIX}{message}"));
+    /// Queues a message. A ground station shows the texts of all components in one list: a text names the module, and a
+    /// component other than the usual one.
+    pub fn push_message(&mut self, message: &Message, component: u8) {
+        if component == Settings::DEFAULT.component {
+            self.queue.push_text(message.severity(), format_args!("autoswing: {message}"));
+        } else {
+            self.queue.push_text(message.severity(), format_args!("autoswing {component}: {message}"));
+        }
     }
 
     /// Sends the next due chunk; returns whether one was sent.
@@ -32,12 +35,16 @@ impl PendingTexts {
             Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
             Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
         };
-        let text_id = if chunk.is_long { self.text_id.max(1) } else { 0 };
-        if !line.send_message(OutboundMessage::status_text(severity, chunk.characters, text_id, chunk.index)) {
+        let is_only = chunk.is_last && chunk.index == 0;
+        let text_id = if is_only { 0 } else { self.text_id.max(1) };
+        // Of several chunks the first one that is not full is the last: others are filled, and an empty one follows a
+        // full last one.
+        let mut text = [if chunk.is_last { 0 } else { b' ' }; OutboundMessage::STATUSTEXT_CAPACITY];
+        text.iter_mut().zip(chunk.characters).for_each(|(target, source)| *target = *source);
+        let was_last = is_only || chunk.is_last && chunk.characters.len() < text.len();
+        if !line.send_message(OutboundMessage::status_text(severity, &text, text_id, chunk.index)) {
             return false;
         }
-        // The last of several chunks must not be full: an empty one follows if all are.
-        let was_last = !chunk.is_long || chunk.characters.len() < OutboundMessage::STATUSTEXT_CAPACITY;
         if was_last {
             self.text_id = text_id.wrapping_add(1);
         }

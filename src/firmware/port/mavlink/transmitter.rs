@@ -4,14 +4,6 @@ use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, OutboundMessage, Signatures};
 use autoswing::attitude::SenderId;
 
-/// MAV_COMP_ID_PERIPHERAL.
-pub(super) const OWN_COMPONENT: u8 = 158;
-
-/// The module's address in an autopilot's system.
-pub(super) fn own_address(autopilot: SenderId) -> Address {
-    Address { component_id: OWN_COMPONENT, ..Address::from_sender(autopilot) }
-}
-
 /// Numbers messages and appends them to an output.
 pub(in crate::port) struct Transmitter<'a> {
     pub transmit_buffer: &'a mut TransmitBuffer,
@@ -21,14 +13,15 @@ pub(in crate::port) struct Transmitter<'a> {
 }
 
 impl<'a> Transmitter<'a> {
-    /// Creates a sender in an autopilot's system.
+    /// Creates a sender: a component of an autopilot's system.
     pub fn new(
         out: &'a mut TransmitBuffer,
-        autopilot: SenderId,
+        (autopilot, component_id): (SenderId, u8),
         sequence: &'a mut u8,
         signatures: &'a mut Signatures,
     ) -> Self {
-        Self { transmit_buffer: out, own_address: own_address(autopilot), sequence_number: sequence, signatures }
+        let own_address = Address { component_id, ..Address::from_sender(autopilot) };
+        Self { transmit_buffer: out, own_address, sequence_number: sequence, signatures }
     }
 
     /// Whether few bytes are pending, so that on a slow line other messages keep their room.

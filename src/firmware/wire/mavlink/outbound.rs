@@ -15,6 +15,7 @@ use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
 use super::parameter::{ParameterEncoding, parameter_bits};
 use super::signature::{self, Signatures};
 use autoswing::time::Timestamp;
+use autoswing::trig::sqrt;
 use autoswing_module::messages::ParameterName;
 use autoswing_module::settings::Setting;
 
@@ -84,10 +85,28 @@ impl OutboundMessage {
         Self::command_long(target, MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, [1.0, 0.0])
     }
 
+    /// MAV_CMD_EXTERNAL_ATTITUDE_ESTIMATE, of the development dialect.
+    pub const EXTERNAL_ATTITUDE_ESTIMATE: MavCmd = MavCmd(620);
+
+    /// COMMAND_LONG with MAV_CMD_EXTERNAL_ATTITUDE_ESTIMATE: resets the yaw to that of a pose; roll and pitch stay.
+    #[must_use]
+    pub fn external_yaw_estimate(target: Address, pose: &Pose) -> Self {
+        let [_, _, yaw_rad] = pose.roll_pitch_yaw_rad;
+        let yaw_deg = yaw_rad.to_degrees();
+        let yaw_deg = if yaw_deg < 0.0 { yaw_deg + 360.0 } else { yaw_deg };
+        let sigma_deg = sqrt(pose.yaw_variance_rad2).to_degrees();
+        let parameters = [f32::NAN, f32::NAN, yaw_deg, f32::NAN, f32::NAN, f32::NAN, sigma_deg];
+        Self::command_with_parameters(target, Self::EXTERNAL_ATTITUDE_ESTIMATE, &parameters)
+    }
+
     /// COMMAND_LONG; only the first two parameters are not zero.
     fn command_long(target: Address, command: MavCmd, [first, second]: [f32; 2]) -> Self {
+        Self::command_with_parameters(target, command, &[first, second, 0.0, 0.0, 0.0, 0.0, 0.0])
+    }
+
+    fn command_with_parameters(target: Address, command: MavCmd, parameters: &[f32; 7]) -> Self {
         let mut message = Self::from_dialect::<COMMAND_LONG_DATA>();
-        message.put_floats(&[first, second, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        message.put_floats(parameters);
         message.put_bytes(&command.0.to_le_bytes());
         message.put_bytes(&[target.system_id, target.component_id, 0]);
         message

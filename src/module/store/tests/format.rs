@@ -62,15 +62,16 @@ fn bytes_from_hex(hex: &str) -> Vec<u8> {
 
 /// A state and a calibration as stored.
 const STATE: &str = "
-    01 da00
+    01 de00
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
     06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
     14 0100 01  15 0100 01  16 0100 00  17 0100 28
     18 2100 01 0707070707070707070707070707070707070707070707070707070707070707
     19 0100 2a  1a 0100 14  1b 0100 01  1c 0400 0000a040  1d 0400 0000003f  1e 0100 01  1f 0100 01
+    20 0100 2a
     c8 1a00 0000 000000000000000000000000000000000000000000000000
-    925373ee ffffffffffffff";
+    70470cf3 ffffff";
 const CALIBRATION_BEGIN: &str = "
     01 d801
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
@@ -98,6 +99,7 @@ fn stored_bytes_keep_their_meaning() {
     state.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
     state.settings.sensor_error = SensorErrorSetting { gyro_percent: 5.0, drift_percent: 0.5 };
     state.settings.attitude_source = AttitudeSource::Own;
+    state.settings.component = 42;
     assert_eq!(encoded_item(&state), bytes_from_hex(STATE));
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(STATE))), Ok(state));
     assert_eq!(encoded_item(&full_calibration_record()), pinned_calibration_bytes());

@@ -97,6 +97,10 @@ pub struct MavlinkAutopilot {
     pub restart_count: u32,
     /// Parameters of the autopilot.
     pub parameters: ParameterTable,
+    /// Whether PX4 knows `MAV_CMD_EXTERNAL_ATTITUDE_ESTIMATE`, as from version 1.17 on.
+    pub knows_yaw_estimates: bool,
+    /// Yaw and its sigma of each such command, degrees.
+    pub yaw_estimates_deg: Vec<[f32; 2]>,
 }
 
 impl MavlinkAutopilot {
@@ -115,6 +119,8 @@ impl MavlinkAutopilot {
             denied_request_count: 0,
             restart_count: 0,
             parameters: firmware.parameters(),
+            knows_yaw_estimates: firmware == MavlinkFirmware::Px4,
+            yaw_estimates_deg: Vec::new(),
         };
         autopilot.restart_autopilot(now_us);
         autopilot
@@ -259,7 +265,10 @@ impl MavlinkAutopilot {
             self.restart_autopilot(now_us);
             return;
         }
-        let result = if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
+        let result = if command.command == EXTERNAL_ATTITUDE_ESTIMATE {
+            self.yaw_estimates_deg.push([command.param3, command.param7]);
+            if self.knows_yaw_estimates { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_UNSUPPORTED }
+        } else if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             MavResult::MAV_RESULT_UNSUPPORTED
         } else if command.param2 < self.firmware.least_interval_us() {
             self.denied_request_count += 1;
@@ -290,6 +299,9 @@ impl MavlinkAutopilot {
 const REQUEST_DATA_STREAM: u32 = 66;
 
 const STREAM_EXTRA1: u8 = 10;
+
+/// `MAV_CMD_EXTERNAL_ATTITUDE_ESTIMATE` of the development dialect.
+const EXTERNAL_ATTITUDE_ESTIMATE: MavCmd = MavCmd(620);
 
 #[cfg(test)]
 mod tests;

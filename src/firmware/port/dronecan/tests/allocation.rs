@@ -156,9 +156,9 @@ fn a_node_is_silent_until_it_receives_a_frame_and_then_only_asks_for_a_number() 
     }));
 }
 
-/// The same unique id has the same number: the allocator remembers it.
+/// The allocator remembers the unique id, and grants it the same number again.
 #[test]
-fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
+fn a_number_that_another_node_has_is_given_up_for_an_unused_one() {
     let mut bus = AllocationBus::new(&[7]);
     bus.run_until_allocated(5000).unwrap();
     let bench = &mut bus.nodes[0];
@@ -166,8 +166,15 @@ fn another_node_with_an_allocated_number_makes_the_node_ask_again() {
     bench.now_us += 100_000;
     bench.poll();
     assert!(bench.node.frame_to_send().is_some());
-    bench.deliver_transfer(125, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    for _ in 0..2 {
+        bench.deliver_transfer(125, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
+    }
     assert_eq!(bench.node.node_id(), None);
     assert_eq!(bench.node.frame_to_send(), None, "a field with the number of another node");
+    let conflict = |is_given_up| Some(Notice::NodeNumberConflict { number: 125, is_given_up });
+    assert_eq!([(); 2].map(|()| bench.node.take_message(bench.now())), [conflict(true), None]);
     assert!(bench.run_ms(500).iter().all(|sent| sent.header.source_node.is_none()));
+    bus.run_until_allocated(20_000).unwrap();
+    let number = bus.node_numbers()[0].unwrap();
+    assert!((1..125).contains(&number) && number != PEER_NODE, "{number}");
 }

@@ -2,6 +2,7 @@
 
 mod collection;
 mod commands;
+mod component;
 mod own_parameters;
 mod requests;
 mod sender;
@@ -62,21 +63,25 @@ struct MavlinkBench {
     settings: Settings,
     indicator_state: IndicatorState,
     calibration: Option<(Calibration, HeadingUncertainty)>,
+    has_other_mavlink_line: bool,
     /// Free bytes in the output, if limited.
     free_output_bytes: Option<usize>,
     sent_messages: Vec<SentMessage>,
 }
 
 impl MavlinkBench {
-    /// Bench an hour after the start, without a known autopilot.
+    /// Bench an hour after the start, without a known autopilot, whose component is settled.
     fn new() -> Self {
+        let mut mavlink = Mavlink::new();
+        mavlink.component_claim.update(Timestamp::START, Settings::DEFAULT.component, true);
         Self {
-            mavlink: Mavlink::new(),
+            mavlink,
             now_ms: 3_600_000,
             estimate: Estimate::EMPTY,
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
             calibration: None,
+            has_other_mavlink_line: false,
             free_output_bytes: None,
             sent_messages: vec![],
         }
@@ -113,6 +118,7 @@ impl MavlinkBench {
             indicator_state: self.indicator_state,
             calibration: self.calibration.as_ref(),
             can_node: None,
+            has_other_mavlink_line: self.has_other_mavlink_line,
         };
         let mut out = TransmitBuffer::new();
         let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
@@ -153,7 +159,7 @@ impl MavlinkBench {
         taken
     }
 
-    /// Removes and returns the sent texts, joined from their chunks, with severities.
+    /// Removes and returns the sent texts, joined from their chunks without the spaces that fill them, with severities.
     fn take_texts(&mut self) -> Vec<(u8, String)> {
         let mut texts: Vec<(u8, u16, String)> = vec![];
         for sent in self.take_messages(253) {
@@ -168,7 +174,8 @@ impl MavlinkBench {
                 }
             }
         }
-        texts.into_iter().map(|(severity, _, text)| (severity, text)).collect()
+        let without_fill = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        texts.into_iter().map(|(severity, _, text)| (severity, without_fill(text))).collect()
     }
 }
 

@@ -120,6 +120,22 @@ fn a_raw_heading_does_not_take_the_place_of_a_smoothed_one() {
     assert_eq!(sent_deg(&mut bench, Some(10.0)), Some(79.0));
 }
 
+/// A ground station joins the chunks, of which only the last one is not full; others show each as a line.
+#[test]
+fn the_chunks_of_a_text_end_with_words() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.mavlink.queue_text(&Notice::CollectionLost);
+    bench.run_ms(1_000);
+    let chunks: Vec<String> = (bench.take_messages(253).iter())
+        .map(|sent| sent.payload[1..51].iter().take_while(|byte| **byte != 0).map(|byte| char::from(*byte)).collect())
+        .collect();
+    let (last, full) = chunks.split_last().unwrap();
+    assert!(full.len() == 2 && full.iter().all(|chunk| chunk.len() == 50 && chunk.ends_with(' ')), "{chunks:?}");
+    let lines = chunks.iter().map(|chunk| chunk.trim_end()).collect::<Vec<_>>().join(" ");
+    assert_eq!(lines, format!("autoswing: {}", Notice::CollectionLost));
+    assert!(last.len() < 50, "{chunks:?}");
+}
+
 #[test]
 fn a_full_text_queue_keeps_the_newest_and_the_begun_text() {
     let mut bench = MavlinkBench::new();

@@ -41,6 +41,10 @@ fn every_message_has_the_bytes_of_pymavlink() {
             OutboundMessage::set_message_interval(AUTOPILOT, 30, 40),
             "fd200000c9079e4c00000000f0410050c3460000000000000000000000000000000000000000ff01070110d4",
         ),
+        (
+            OutboundMessage::external_yaw_estimate(AUTOPILOT, &pose),
+            "fd200000c9079e4c00000000c07f0000c07f29e32b430000c07f0000c07f0000c07f5dad923f6c020701cb00",
+        ),
         (OutboundMessage::request_attitude_stream(AUTOPILOT, 25), "fd060000c9079e420000190007010a0185a0"),
         (OutboundMessage::acknowledgement(requester, 42_424, rejected), "fd0a0000c9079e4d0000b8a5010000000000ffbee40a"),
         (OutboundMessage::acknowledgement(zero_address, 42_424, accepted), "fd020000c9079e4d0000b8a5d472"),

@@ -2,6 +2,7 @@
 
 mod setup;
 
+use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
@@ -93,11 +94,12 @@ impl Bench {
     fn poll_module(&mut self) {
         let snapshot = Snapshot {
             now: Timestamp::from_us(1000 * self.now_ms),
-            estimate: &Estimate { heading: self.heading, ..Estimate::EMPTY },
+            estimate: &Estimate { heading: self.heading, attitude: Some(RollPitch::default()), ..Estimate::EMPTY },
             settings: &self.settings,
             indicator_state: self.indicator_state,
             calibration: None,
             can_node: Some(125),
+            has_other_mavlink_line: false,
         };
         let mut transmit_buffer = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut transmit_buffer);
@@ -170,6 +172,40 @@ fn an_autopilot_with_streams_only_gets_a_stream_request() {
     assert_eq!(bench.request_list(), expected);
     assert!(bench.attitudes_in_the_last_second().abs_diff(25) <= 1);
     assert_requests_a_second_apart(&bench);
+}
+
+/// After each arming, where the heading is known then or later. An older PX4 is asked once, ArduPilot never.
+#[test]
+fn px4_s_yaw_is_reset_once_in_a_flight() {
+    for (firmware, knows_yaw_estimates, counts) in [
+        (MavlinkFirmware::Px4, true, [0, 1, 1, 2]),
+        (MavlinkFirmware::Px4, false, [0, 1, 1, 1]),
+        (MavlinkFirmware::ArduPilot, false, [0, 0, 0, 0]),
+    ] {
+        let mut bench = Bench::new(firmware);
+        bench.autopilot.knows_yaw_estimates = knows_yaw_estimates;
+        bench.settings.sends_vision_yaw = true;
+        bench.settings.declination_deg = Some(-10.0);
+        bench.inputs.is_armed = true;
+        let mut commands = [(false, 10), (true, 10), (true, 20), (true, 10)].into_iter().enumerate();
+        let sent = [(); 4].map(|()| {
+            let (step, (has_heading, seconds)) = commands.next().unwrap();
+            if has_heading {
+                bench.heading = Ok(Heading { magnetic_rad: 0.1, sigma_rad: 0.02, systematic_variance_rad2: 0.0 });
+            }
+            if step == 3 {
+                bench.inputs.is_armed = false;
+                bench.run_for_s(5);
+                bench.inputs.is_armed = true;
+            }
+            bench.run_for_s(seconds);
+            bench.autopilot.yaw_estimates_deg.len()
+        });
+        assert_eq!(sent, counts, "{firmware:?}");
+        for [yaw_deg, sigma_deg] in &bench.autopilot.yaw_estimates_deg {
+            assert!((yaw_deg - 355.73).abs() < 0.01 && (sigma_deg - 1.146).abs() < 0.01, "{yaw_deg} {sigma_deg}");
+        }
+    }
 }
 
 /// Frames cut at any byte, with noise between them.

@@ -28,12 +28,15 @@ fn bench_with_two_compasses() -> Bench {
     bench
 }
 
-/// Texts of an action, without prefix and reason.
+/// Text about offsets of the autopilot's own, read every 30 s.
+const CORRECTED_TWICE: &str = "corrected-twice: ";
+
+/// Texts of an action.
 fn run_action(bench: &mut Bench, action: AutopilotAction) -> Vec<String> {
     bench.module.begin_autopilot_action(action);
     bench.notices.clear();
     bench.run_for_s(60);
-    bench.notices.clone()
+    bench.notices.iter().filter(|text| !text.starts_with(CORRECTED_TWICE)).cloned().collect()
 }
 
 fn numbers<const COUNT: usize>(bench: &Bench, names: [&str; COUNT]) -> [String; COUNT] {
@@ -54,7 +57,7 @@ fn a_check_names_the_modules_compass_and_what_is_wrong() {
             MODULE_TEXT,
             "parameter-wrong: COMPASS_USE is 1, wanted 0: its field is raw until the module is calibrated",
             "parameter-wrong: COMPASS_ORIENT2 is 6, wanted 0: its field is in body axes",
-            "parameter-wrong: COMPASS_OFS2_X is 120.5, wanted 1: an offset, of 1 mG, marks it as calibrated",
+            "parameter-wrong: COMPASS_OFS2_X is 120.5, wanted 1: more would correct its field twice, 1 mG marks it as calibrated",
             "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0 of pitch; removed",
             "autopilot: parameters of the autopilot: 15 right, 3 wrong, 0 changed; to write them: autopilot setup yes",
         ]
@@ -162,6 +165,37 @@ fn px4_is_set_up_for_a_yaw_from_outside() {
     assert_eq!(numbers(&bench, ["EKF2_EV_CTRL"]), ["8"]);
 }
 
+/// PX4 with a compass of its own in slot 0 does not arm with a compass that no slot has, or has offsets of its own for
+/// that, learnt in flight.
+#[test]
+fn px4_gets_the_modules_compass_in_a_free_slot() {
+    const NODE_125: &str = "8944899";
+    let mut bench = Bench::new(MavlinkFirmware::Px4);
+    bench.autopilot.parameters.set_number("CAL_MAG0_ID", 396_809.0);
+    bench.autopilot.parameters.set_number("CAL_MAG0_XOFF", 0.12);
+    bench.run_for_s(2);
+    let names = ["CAL_MAG1_ID", "CAL_MAG1_PRIO", "CAL_MAG1_ROT", "CAL_MAG1_XOFF", "CAL_MAG0_XOFF"];
+    let before = numbers(&bench, names);
+    let own = "compass: CAL_MAG0: another compass, I2C bus 1 address 14 (id 396809)";
+    let texts = run_action(&mut bench, AutopilotAction::Check);
+    assert_eq!(texts[0], own);
+    let unknown = "parameter-wrong: CAL_MAG1_ID is 0, wanted 8944899: PX4 does not arm with a compass that no slot has";
+    assert_eq!(texts[1], unknown);
+    let texts = run_action(&mut bench, AutopilotAction::Setup);
+    assert!(texts.last().unwrap().contains("15 right, 0 wrong, 3 changed; restart it: autopilot restart"), "{texts:?}");
+    assert_eq!(numbers(&bench, names), [NODE_125, "0", "0", "0", "0.12"]);
+    bench.autopilot.parameters.set_number("CAL_MAG1_XOFF", 0.0625);
+    bench.indicator_state = IndicatorState::Calibrated;
+    bench.heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
+    let texts = run_action(&mut bench, AutopilotAction::Check);
+    assert_eq!(texts[1], "compass: CAL_MAG1: this module, DroneCAN bus 0 node 125 (id 8944899)");
+    assert_eq!(texts[2], "parameter-wrong: CAL_MAG1_XOFF is 0.0625, wanted 0: its field is corrected already");
+    run_action(&mut bench, AutopilotAction::Setup);
+    assert_eq!(numbers(&bench, names), [NODE_125, "75", "0", "0", "0.12"]);
+    run_action(&mut bench, AutopilotAction::Undo);
+    assert_eq!(numbers(&bench, names), [&before[0], &before[1], &before[2], "0.0625", "0.12"]);
+}
+
 #[test]
 fn a_check_without_an_answer_ends_with_the_reason() {
     for (firmware, code) in
@@ -185,5 +219,20 @@ fn an_ambiguous_pitch_trim_is_reported_once() {
         bench.run_for_s(90);
         let reports = bench.notices.iter().filter(|text| text.starts_with("trims-ambiguous: "));
         assert_eq!(reports.count(), expected, "FLIGHT_OPTIONS={option}");
+    }
+}
+
+/// ArduPilot's own calibration of the module's compass succeeds, too. Offsets of the other compass are its own.
+#[test]
+fn offsets_that_correct_a_second_time_are_reported_once() {
+    let mut bench = bench_with_two_compasses();
+    bench.run_for_s(120);
+    let report_count = |bench: &Bench| bench.notices.iter().filter(|text| text.starts_with(CORRECTED_TWICE)).count();
+    assert_eq!(report_count(&bench), 1, "{:?}", bench.notices);
+    assert!(bench.notices.iter().any(|text| text.contains("compass slot 2, 120 mG, ")), "{:?}", bench.notices);
+    for (offset_mg, reports) in [(1.0, 1), (-60.0, 2)] {
+        bench.autopilot.parameters.set_number("COMPASS_OFS2_X", offset_mg);
+        bench.run_for_s(120);
+        assert_eq!(report_count(&bench), reports, "{offset_mg} mG: {:?}", bench.notices);
     }
 }
