@@ -134,7 +134,7 @@ impl fmt::Display for UnknownSlot {
                 write!(f, "the offsets in use are those of slot {found}, but the parameters assign slot {expected}")
             }
             Self::NotInBlackbox => f.write_str("a blackbox has neither calibration nor alignment of the compass"),
-            Self::NotInTables => f.write_str("ulog2csv writes no parameters; judge the .ulg itself"),
+            Self::NotInTables => f.write_str("ulog2csv writes no parameters"),
             Self::PrimaryLessBias => {
                 f.write_str("HIGHRES_IMU is the primary compass, corrected and less the bias of PX4's filter")
             }
