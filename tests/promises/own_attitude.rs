@@ -82,6 +82,20 @@ fn the_own_attitude_is_sent_while_the_chip_answers() {
     assert!(status.contains("1 register upsets repaired"), "{status}");
 }
 
+/// A board without the chip, as the DroneCAN board, refuses to use it, and keeps its autopilot.
+#[test]
+fn a_board_without_the_chip_refuses_its_attitude() {
+    let mut rig = held_rig(AttitudeSource::Autopilot);
+    rig.run_for_s(1.0);
+    for source in ["own", "auto"] {
+        let reply = rig.send_console_line(&format!("set attitude {source}"));
+        assert!(reply.contains("error no-gyro: no gyro and accelerometer of the board answers"), "{reply}");
+    }
+    assert_eq!(status_line(&mut rig, "gyro: "), "not found");
+    assert!(rig.send_console_line("set attitude autopilot").contains("ok attitude-source autopilot"));
+    assert!(status_line(&mut rig, "attitude: ").starts_with("roll"));
+}
+
 /// An autopilot that boots is waited for, and replaces the own attitude for good.
 #[test]
 fn the_own_attitude_is_used_automatically_without_an_autopilot() {

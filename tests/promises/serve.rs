@@ -18,6 +18,7 @@ use serde_json::Value;
 use simulator::nmea::SentenceReader;
 use simulator::rig::STORE_BYTES;
 use simulator::world::WorldConfig;
+use simulator::world::aircraft::VehicleKind;
 use testkit::random::Random;
 
 use crate::fixtures::program::{host_sim_command, interrupt_for_exit_code};
@@ -224,7 +225,7 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         // first report.
         (AttitudeProvider::Auto, true, 515.0..535.0),
         // Reports of the simulator during 14 s.
-        (AttitudeProvider::Own, false, 1020.0..1060.0),
+        (AttitudeProvider::Simulator, false, 1020.0..1060.0),
         // All reports of the other autopilot.
         (AttitudeProvider::Peer, true, 600.0..602.0),
     ] {
@@ -251,6 +252,24 @@ fn an_attached_autopilot_replaces_the_simulated_attitude() {
         let status = send_typed_command(&mut served_module, "status all");
         assert_eq!(status.contains("attitude: none"), !has_own, "{attitude:?}: {status}");
         assert!(!status.contains("attitude: roll 40."), "{status}");
+    }
+}
+
+/// A boat without an autopilot: roll and pitch of the module's gyro and accelerometer, in waves that roll it by 8 deg.
+#[test]
+fn a_served_module_has_an_attitude_of_its_own() {
+    let options = ServeOptions { attitude: AttitudeProvider::Own, ..ServeOptions::default() };
+    let boat = WorldConfig::of_table1(1).with_vehicle_kind(VehicleKind::Boat);
+    let mut served_module = ServedModule::new(boat, options, None);
+    served_module.advance_time(SECOND_US);
+    assert!(send_typed_command(&mut served_module, "status").contains("attitude: none"));
+    assert!(send_typed_command(&mut served_module, "set attitude own").contains("ok attitude-source own"));
+    served_module.advance_time(10 * SECOND_US);
+    let status = send_typed_command(&mut served_module, "status");
+    let truth = served_module.execute_pilot_line("status").unwrap();
+    for angle in ["roll ", "pitch "] {
+        let error_deg = number_after(&status, angle) - number_after(&truth, angle);
+        assert!(error_deg.abs() < 6.0, "{angle}{error_deg}: {status}{truth}");
     }
 }
 

@@ -187,12 +187,12 @@ impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
         (self.on_progress)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
+        self.fly_leg(MissionStage::TakeOff, routine.take_off);
         let source = self.module.world().world_config().attitude;
         if source != AttitudeSource::Autopilot {
             let (name, _) = AttitudeSource::NAMED_SOURCES[source as usize];
             self.send_console_line(&format!("set attitude {name}"));
         }
-        self.fly_leg(MissionStage::TakeOff, routine.take_off);
         self.send_console_line("status");
         self.send_console_line(routine.start_command);
         for part in &routine.routine_parts {

@@ -2,6 +2,7 @@
 
 use core::future::poll_fn;
 use core::pin::{Pin, pin};
+use core::sync::atomic::Ordering;
 use core::task::{Context, Poll};
 
 use embassy_futures::select::select_array;
@@ -80,12 +81,15 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
         } else {
             continue;
         };
+        if HAS_OWN_ATTITUDE
+            && links.event_counters.inertial_readings.load(Ordering::Relaxed) > 0
+            && let Some(offsets) = links.sensor_offsets.try_get()
+        {
+            compass.set_sensor_offsets(offsets);
+        }
         let mut effect = compass.process_event(event);
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
             counts_at_start = links.event_counts();
-        }
-        if HAS_OWN_ATTITUDE && let Some(offsets) = links.sensor_offsets.try_get() {
-            compass.set_sensor_offsets(offsets);
         }
         if let Effect::None = effect {
             effect = compass.process_event(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));

@@ -31,6 +31,7 @@ use crate::store::StoredValues;
 use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
 use armed_state::ArmedState;
 use autoswing::acceptance::AcceptancePolicy;
+use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Sample;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::collection::{CollectionState, Collector, RecentSamples, RetainedSamples};
@@ -51,6 +52,7 @@ impl<'a> Compass<'a> {
             settings,
             stored_calibrations,
             sensor: None,
+            has_inertial_sensor: false,
             sensor_offsets: stored_calibrations
                 .current_calibration
                 .map_or(SensorOffsets::UNKNOWN, |record| record.sensor_offsets),
@@ -181,6 +183,11 @@ impl<'a> Compass<'a> {
             }
             Command::Set(setting) | Command::SetFromBus(setting) => {
                 let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
+                let source = settings.attitude_source;
+                let needs_sensor = source != self.settings.attitude_source && source != AttitudeSource::Autopilot;
+                if needs_sensor && !self.has_inertial_sensor {
+                    return Err(Refusal::NoInertialSensor);
+                }
                 if setting.enables_automatic_start() {
                     self.enable_automatic_start(true);
                 }

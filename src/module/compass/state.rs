@@ -29,6 +29,7 @@ pub struct Compass<'a> {
     pub(super) settings: Settings,
     pub(super) stored_calibrations: StoredCalibrations,
     pub(super) sensor: Option<DetectedSensor>,
+    pub(super) has_inertial_sensor: bool,
     /// Latest estimate of the offsets of gyro and accelerometer.
     pub(super) sensor_offsets: SensorOffsets,
     pub(super) armed_state: ArmedState,
@@ -75,8 +76,9 @@ impl Compass<'_> {
         self.sensor_offsets
     }
 
-    /// Updates the estimated offsets of gyro and accelerometer, which the next calibration includes.
+    /// Updates the estimated offsets of gyro and accelerometer, which have answered. The next calibration includes them.
     pub const fn set_sensor_offsets(&mut self, offsets: SensorOffsets) {
+        self.has_inertial_sensor = true;
         self.sensor_offsets = offsets;
     }
 

@@ -215,6 +215,11 @@ impl Refusal {
                 format_args!("the magnetometer does not answer"),
                 format_args!("check its wiring, see status"),
             ),
+            Self::NoInertialSensor => show(
+                "no-gyro",
+                format_args!("no gyro and accelerometer of the board answers"),
+                format_args!("set attitude autopilot"),
+            ),
             Self::NoPreviousCalibration => {
                 show("nothing-to-undo", format_args!("there is no previous calibration"), NO_ADVICE)
             }

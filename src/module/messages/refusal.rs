@@ -56,6 +56,8 @@ pub enum Refusal {
     },
     /// The magnetometer is not identified yet; a calibration is valid for one sensor only.
     NoSensor,
+    /// `set attitude` needs a gyro and an accelerometer, and none answers.
+    NoInertialSensor,
     /// `cal undo` without a previous calibration.
     NoPreviousCalibration,
     /// A value is outside its range.

@@ -49,6 +49,11 @@ fn refused_commands() -> Vec<ExpectedRefusal> {
             &["would be turned by -33.3 deg", "; if that is right: set align 90 yes"],
         ),
         (Refusal::NoSensor, "no-sensor", &["the magnetometer does not answer; check its wiring"]),
+        (
+            Refusal::NoInertialSensor,
+            "no-gyro",
+            &["no gyro and accelerometer of the board answers; set attitude autopilot"],
+        ),
         (Refusal::NoPreviousCalibration, "nothing-to-undo", &["there is no previous calibration"]),
         (Refusal::OutOfRange(OutOfRange("a rate is 1 to 80")), "out-of-range", &["a rate is 1 to 80"]),
         (

@@ -16,6 +16,7 @@ pub use self::flash_image::{FlashImage, FlashImageError};
 pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
 pub use self::pilot_pattern::PilotPattern;
 
+use autoswing::attitude::AttitudeSource;
 use autoswing_firmware::wire::dronecan::CanFrame;
 use simulator::devices::can::{CanEnd, CanFaults, SimulatedCanBus};
 use simulator::devices::uart::HostEnd;
@@ -67,9 +68,11 @@ pub enum AttitudeProvider {
     #[default]
     Auto,
     /// Always the simulator.
-    Own,
+    Simulator,
     /// Only an external autopilot.
     Peer,
+    /// No autopilot: the module's gyro and accelerometer, with a satellite receiver at the instrument port.
+    Own,
 }
 
 /// Options of the served module.
@@ -125,7 +128,12 @@ impl ServedModule {
         let gyro = if options.has_external_simulator { GyroConfig::ERROR_FREE } else { world.gyro };
         // The position is known only if the simulated field is that of Xi'an.
         let reports_position = world.earth == Earth::default();
-        let mut rig = Rig::new(WorldConfig { gyro, reports_current: true, reports_position, ..world });
+        // The module has a gyro and an accelerometer, as the reference board.
+        let attitude = match options.attitude {
+            AttitudeProvider::Own => AttitudeSource::Own,
+            _ => AttitudeSource::Automatic,
+        };
+        let mut rig = Rig::new(WorldConfig { gyro, reports_current: true, reports_position, attitude, ..world });
         if let Some(image) = image {
             // Image sizes are checked on reading.
             rig.load_flash(image.bytes());
@@ -268,6 +276,7 @@ impl ServedModule {
         let flies = if self.external_datagram_counts.is_some() { "follows" } else { self.pilot.activity_text() };
         let source = match self.rig.world.sends_attitude() {
             true => "the simulator",
+            false if self.attitude == AttitudeProvider::Own => "the module",
             false if self.awaits_datagram() => "nobody yet",
             false => "who is attached",
         };
@@ -298,8 +307,8 @@ impl ServedModule {
     fn select_attitude_sender(&self) {
         let is_provider = match self.attitude {
             AttitudeProvider::Auto => !self.external_autopilot.is_active(self.rig.now_us()),
-            AttitudeProvider::Own => true,
-            AttitudeProvider::Peer => false,
+            AttitudeProvider::Simulator => true,
+            AttitudeProvider::Peer | AttitudeProvider::Own => false,
         };
         self.rig.world.set_sends_attitude(is_provider && !self.awaits_datagram());
     }

@@ -241,7 +241,9 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",
         counts.readings, counts.overruns, counts.sensor_errors, counts.sensor_register_upsets
     )?;
-    if HAS_OWN_ATTITUDE && counts.inertial_readings > 0 {
+    if !HAS_OWN_ATTITUDE || counts.inertial_readings == 0 {
+        writeln!(out, "gyro: not found")?;
+    } else {
         writeln!(
             out,
             "gyro: {} readings, {} errors, {} register upsets repaired, {} rates unlike the autopilot's",

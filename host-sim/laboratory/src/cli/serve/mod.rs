@@ -88,16 +88,21 @@ pub struct ServeCommandOptions {
     #[arg(long, value_name = "mcast:N", value_parser = named_value(CAN_BUSES))]
     can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
-    /// simulator (own), or only that port (peer). The module switches senders after 10 s
-    #[arg(long, default_value = "auto", value_name = "auto|own|peer", value_parser = named_value(ATTITUDE_PROVIDERS))]
+    /// simulator, only that port (peer), or none (own): then type `set attitude own` at the console, and a satellite
+    /// receiver sends the speed to port 2. The module switches senders after 10 s
+    #[arg(long, default_value = "auto", value_name = "auto|simulator|peer|own", value_parser = named_value(ATTITUDE_PROVIDERS))]
     attitude: AttitudeProvider,
     /// Print the ports as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-const ATTITUDE_PROVIDERS: &[(&str, AttitudeProvider)] =
-    &[("auto", AttitudeProvider::Auto), ("own", AttitudeProvider::Own), ("peer", AttitudeProvider::Peer)];
+const ATTITUDE_PROVIDERS: &[(&str, AttitudeProvider)] = &[
+    ("auto", AttitudeProvider::Auto),
+    ("simulator", AttitudeProvider::Simulator),
+    ("peer", AttitudeProvider::Peer),
+    ("own", AttitudeProvider::Own),
+];
 
 const CAN_BUSES: &[(&str, u8)] = &[
     ("mcast:0", 0),
