@@ -14,9 +14,14 @@ const RAW_GPS: u16 = 106;
 const ATTITUDE: u16 = 108;
 const ANALOG: u16 = 110;
 const RTC: u16 = 247;
+const EEPROM_WRITE: u16 = 250;
+const SET_SETTING: u16 = 0x1004;
+const SETTING_INFO: u16 = 0x1007;
 
-/// Longest accepted frame, with 64 bytes of payload.
-const MAX_FRAME_LENGTH: usize = 8 + 64 + 1;
+/// Longest accepted frame, with 192 bytes of payload.
+const MAX_FRAME_LENGTH: usize = 8 + 192 + 1;
+
+const SETTING_NAME: &[u8] = b"mag_hardware\0";
 
 fn frame_crc(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |crc, byte| {
@@ -44,6 +49,9 @@ pub fn any_frame() -> impl Strategy<Value = Vec<u8>> {
         (ANALOG, 7),
         (RTC, 9),
         (RTC, 6),
+        (EEPROM_WRITE, 0),
+        (SET_SETTING, 0),
+        (SETTING_INFO, 40),
     ];
     let function = prop_oneof![9 => proptest::sample::select(functions.to_vec()), 1 => (any::<u16>(), 0..80_usize)];
     let direction = prop_oneof![8 => Just(b'>'), 1 => Just(b'!'), 1 => Just(b'<')];
@@ -60,6 +68,11 @@ pub fn any_frame() -> impl Strategy<Value = Vec<u8>> {
                 && let Some(begin) = payload.first_chunk_mut()
             {
                 *begin = name;
+            }
+            if is_possible && function == SETTING_INFO {
+                payload[..SETTING_NAME.len()].copy_from_slice(SETTING_NAME);
+                // Of the kinds of numbers more than half exist.
+                payload[SETTING_NAME.len() + 2] %= 8;
             }
             frame_with_crc(direction, function, (payload.len() as u16).wrapping_add_signed(length_error), &payload)
         },
@@ -152,6 +165,11 @@ impl stream::IntactFrame<MspReply> for IntactFrame<'_> {
                         })
                 }
                 MspReply::Rtc(_) => self.function == RTC,
+                MspReply::Setting(setting) => {
+                    let name = setting.name.to_string();
+                    self.function == SETTING_INFO && self.payload.starts_with(&[name.as_bytes(), &[0]].concat())
+                }
+                MspReply::Done => [SET_SETTING, EEPROM_WRITE].contains(&self.function),
                 MspReply::Refused(_) => false,
             }
     }

@@ -92,12 +92,12 @@ pub async fn run_port(
                     links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
                 }
                 if let Some(action) = links.take_autopilot_action(line) {
-                    port.mavlink.begin_autopilot_action(action);
+                    port.begin_autopilot_action(at, action);
                 }
-                if let Some(message) = port.mavlink.take_message(at) {
+                if let Some(message) = port.take_message(at) {
                     links.broadcast_message(&message);
                 }
-                links.send_command(line, port.mavlink.take_command());
+                links.send_command(line, port.take_command());
                 published_counts.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),

@@ -228,17 +228,18 @@ impl TaskLinks {
         }
     }
 
-    /// Lines whose autopilot is known by MAVLink.
-    pub(super) fn mavlink_lines(&self) -> impl Iterator<Item = AutopilotLine> {
-        AutopilotLine::ALL_LINES.into_iter().filter(|line| {
+    /// Lines whose autopilot is known by a protocol.
+    pub(super) fn lines_with_autopilot(&self, by: ProtocolKind) -> impl Iterator<Item = AutopilotLine> {
+        AutopilotLine::ALL_LINES.into_iter().filter(move |line| {
             let LineState { protocol, is_armed } = self.links_of_line(*line).state.lock(Cell::get);
-            protocol == ProtocolKind::Mavlink && is_armed.is_some()
+            protocol == by && is_armed.is_some()
         })
     }
 
-    /// Passes an action to the first line whose autopilot is known by MAVLink.
+    /// Passes an action to the first line whose autopilot is known by MAVLink, or else by MSP.
     pub(super) fn pass_autopilot_action(&self, action: AutopilotAction) {
-        match self.mavlink_lines().next() {
+        let msp_lines = self.lines_with_autopilot(ProtocolKind::Msp);
+        match self.lines_with_autopilot(ProtocolKind::Mavlink).chain(msp_lines).next() {
             Some(line) => self.autopilot_action.lock(|pending| pending.set(Some((line, action)))),
             None => self.broadcast_message(&Message::Autopilot(AutopilotReport::NoAutopilot)),
         }

@@ -4,6 +4,7 @@
 //! module's state, distributes the decoded messages, and writes its output. [`CanNode`] is the same for frames of a CAN
 //! bus (`app::can`).
 
+mod autopilot;
 mod dronecan;
 mod mavlink;
 mod message_schedule;

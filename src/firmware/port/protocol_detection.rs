@@ -8,6 +8,8 @@ use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::time::Timestamp;
+use autoswing_module::compass::{AutopilotAction, Command};
+use autoswing_module::messages::Message;
 use autoswing_module::settings::ProtocolKind;
 
 /// Silence after which the protocol is detected anew, microseconds.
@@ -120,6 +122,25 @@ impl Port {
             ProtocolKind::Nmea => self.nmea.poll(snapshot, &mut self.pending_output),
             ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(snapshot, &mut self.pending_output),
         }
+    }
+
+    /// Begins an action on the autopilot.
+    pub fn begin_autopilot_action(&mut self, now: Timestamp, action: AutopilotAction) {
+        if self.active_protocol(now) == ProtocolKind::Msp {
+            self.msp.begin_autopilot_action(action);
+        } else {
+            self.mavlink.begin_autopilot_action(action);
+        }
+    }
+
+    /// Takes a message for all users.
+    pub fn take_message(&mut self, now: Timestamp) -> Option<Message> {
+        self.mavlink.take_message(now).or_else(|| self.msp.take_message(now))
+    }
+
+    /// Takes a command for the state machine.
+    pub fn take_command(&mut self) -> Option<Command> {
+        self.mavlink.take_command().or_else(|| self.msp.take_command())
     }
 
     /// Whether the set protocol carries text messages, or may after detection.

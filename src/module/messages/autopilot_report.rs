@@ -8,7 +8,7 @@ use autoswing::decimal::{Decimal, ShortestDecimal};
 /// Result of a check or a setup of the autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AutopilotReport {
-    /// No ArduPilot or PX4 is known on a MAVLink line.
+    /// No ArduPilot or PX4 is known on a MAVLink line, and no INAV on one of MSP.
     NoAutopilot,
     /// The autopilot does not answer for its parameters.
     NoReply,
@@ -82,6 +82,12 @@ pub enum WantedNumber {
     Present,
     /// Device id of the module's node on the CAN bus.
     CanDevice,
+    /// INAV's choice of the compass by MSP.
+    MspCompass,
+    /// Any choice but that.
+    NoMspCompass,
+    /// Strength of the module's field, milligauss, within 2 %.
+    FieldStrength,
 }
 
 impl WantedParameter {

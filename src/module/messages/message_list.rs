@@ -84,7 +84,7 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
     match report {
         AutopilotReport::NoAutopilot => show(
             "no-autopilot",
-            format_args!("no ArduPilot or PX4 is known by MAVLink"),
+            format_args!("no ArduPilot or PX4 is known by MAVLink, and no INAV by MSP"),
             format_args!("connect MAVLink, or the CAN bus with its tunnel"),
         ),
         AutopilotReport::NoReply => show(

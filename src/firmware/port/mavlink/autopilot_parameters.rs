@@ -1,42 +1,36 @@
 //! The autopilot's parameters: one client, and its users in turn. A check or a setup comes before the trims, and these
 //! before the offsets.
 
-use mavlink_dialect::MavAutopilot;
+use mavlink_dialect::{MavAutopilot, MavParamType};
 
 use super::attitude_trims::AttitudeTrims;
-use super::autopilot_setup::{AutopilotSetup, SetupContext};
 use super::compass_offsets::CompassOffsets;
-use super::parameter_client::ParameterClient;
 use super::transmitter::Transmitter;
-use crate::port::message_schedule::MessageSchedule;
+use crate::port::autopilot::{AutopilotKind, AutopilotSession, AutopilotState, ParameterRequest};
 use crate::port::snapshot::Snapshot;
 use crate::wire::mavlink::{Address, OutboundMessage, ParameterEncoding, ReceivedParameter};
 use autoswing::attitude::SenderId;
 use autoswing::frames::RollPitch;
 use autoswing::time::Timestamp;
-use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
-use autoswing_module::messages::{AutopilotReport, Message};
+use autoswing_module::compass::{AutopilotAction, Command};
+use autoswing_module::messages::Message;
 
 /// Time after which trims and offsets are read again, microseconds: a change without a message, or whose message was
 /// lost.
 const MONITOR_PERIOD_US: u64 = 30_000_000;
-
-/// Rate of reports, Hz: a text of three chunks takes 0.3 s.
-const REPORT_HZ: u8 = 3;
 
 /// Parameters of the selected autopilot.
 #[derive(Debug, Default)]
 pub(super) struct AutopilotParameters {
     /// Autopilot to which the rest belongs, and its firmware.
     autopilot: Option<(SenderId, MavAutopilot)>,
-    client: ParameterClient,
+    session: AutopilotSession,
+    /// Kind of number of the last parameter that was read.
+    parameter_kind: MavParamType,
     trims: AttitudeTrims,
     offsets: CompassOffsets,
     /// Whether the client's read is one of trims and offsets.
     is_monitoring: bool,
-    setup: AutopilotSetup,
-    awaits_restart: bool,
-    report_schedule: MessageSchedule,
 }
 
 impl AutopilotParameters {
@@ -54,11 +48,13 @@ impl AutopilotParameters {
 
     /// Processes a parameter of the selected autopilot.
     pub fn on_parameter(&mut self, received: &ReceivedParameter) {
-        let encoding = self.encoding();
-        if let Some(number) = received.number(encoding) {
+        let number = received.number(self.encoding());
+        if let Some(number) = number {
             self.trims.on_parameter(received.name, number);
         }
-        self.client.on_parameter(received, encoding);
+        if self.session.client.on_number(received.name, number) {
+            self.parameter_kind = received.kind;
+        }
     }
 
     /// Attitude in the frame in which the autopilot uses a compass.
@@ -70,16 +66,9 @@ impl AutopilotParameters {
     /// Begins an action on the autopilot, in place of a check or a setup in progress.
     pub fn begin_action(&mut self, action: AutopilotAction) {
         if !self.is_monitoring {
-            self.client = ParameterClient::default();
+            self.session = AutopilotSession::default();
         }
-        match (action, self.autopilot) {
-            (AutopilotAction::Restart, Some(_)) => self.awaits_restart = true,
-            (
-                AutopilotAction::Check | AutopilotAction::Setup | AutopilotAction::Undo,
-                Some((_, firmware @ (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA | MavAutopilot::MAV_AUTOPILOT_PX4))),
-            ) => self.setup.begin(action, firmware),
-            _ => self.setup.end(AutopilotReport::NoAutopilot),
-        }
+        self.session.begin_action(action, self.kind());
     }
 
     /// Takes a message for all users.
@@ -90,49 +79,43 @@ impl AutopilotParameters {
         if let Some(report) = self.offsets.take_report() {
             return Some(Message::Autopilot(report));
         }
-        if self.setup.has_report() && self.report_schedule.is_due(now, REPORT_HZ) {
-            return self.setup.take_report().map(Message::Autopilot);
-        }
-        None
+        self.session.take_message(now)
     }
 
     /// Takes a command for the state machine.
     pub const fn take_command(&mut self) -> Option<Command> {
-        self.setup.take_command()
+        self.session.take_command()
     }
 
     /// Sends the due request; returns whether one was sent.
     pub fn send_due_request(&mut self, snapshot: &Snapshot<'_>, is_disarmed: bool, line: &mut Transmitter<'_>) -> bool {
-        let Some((autopilot, firmware)) = self.autopilot else { return false };
-        let address = Address::from_sender(autopilot);
-        if self.awaits_restart {
-            self.awaits_restart = is_disarmed && !line.send_message(OutboundMessage::autopilot_restart(address));
-            return is_disarmed && !self.awaits_restart;
-        }
-        if self.setup.is_running() && !self.is_monitoring {
-            let is_calibrated = snapshot.indicator_state == IndicatorState::Calibrated;
-            let heading = snapshot.estimate.heading.ok().filter(|_| is_calibrated);
-            let context = SetupContext {
-                now: snapshot.now,
-                firmware,
-                can_node: snapshot.can_node,
-                sends_vision_yaw: snapshot.settings.sends_vision_yaw,
-                is_calibrated,
-                is_disarmed,
-                heading_deg: heading.map(|heading| heading.magnetic_deg()),
-                trims_deg: if self.is_ardupilot() { self.trims.trims_rad().map(f32::to_degrees) } else { [0.0; 2] },
-                replaced_numbers: &snapshot.settings.replaced_numbers,
-            };
-            self.setup.advance(context, &mut self.client);
+        let (Some((autopilot, _)), now) = (self.autopilot(), snapshot.now) else { return false };
+        if let Some(kind) = self.kind().filter(|_| !self.is_monitoring && self.session.is_running()) {
+            let trims_deg = if self.is_ardupilot() { self.trims.trims_rad().map(f32::to_degrees) } else { [0.0; 2] };
+            self.session.advance(snapshot, AutopilotState { kind, is_disarmed, trims_deg, msp_choice: None });
         } else if self.is_ardupilot() {
-            self.monitor_parameters(snapshot.now, snapshot.can_node);
+            self.monitor_parameters(now, snapshot.can_node);
         }
-        self.client.send_due_request(snapshot.now, address, self.encoding(), line)
+        let Some(request) = self.session.due_request(now, is_disarmed) else { return false };
+        let message = match request {
+            ParameterRequest::Read(name) => OutboundMessage::parameter_request(autopilot, name),
+            ParameterRequest::Write(name, number) => {
+                let (kind, encoding) = (self.parameter_kind, self.encoding());
+                OutboundMessage::parameter_change(autopilot, name, number, kind, encoding)
+            }
+            ParameterRequest::Restart => OutboundMessage::autopilot_restart(autopilot),
+            ParameterRequest::Save => return false,
+        };
+        let is_sent = line.send_message(message);
+        if is_sent {
+            self.session.on_request_sent(now, request);
+        }
+        is_sent
     }
 
     /// Reads trims and offsets, one at a time.
     fn monitor_parameters(&mut self, now: Timestamp, can_node: Option<u8>) {
-        if let Some(result) = self.client.take_result() {
+        if let Some(result) = self.session.client.take_result() {
             self.is_monitoring = false;
             if self.trims.next_name().is_some() {
                 self.trims.advance_reading();
@@ -140,27 +123,32 @@ impl AutopilotParameters {
                 self.offsets.complete_reading(result.ok(), can_node);
             }
         }
-        if self.is_monitoring || self.setup.is_running() {
+        if self.is_monitoring || self.session.is_running() {
             return;
         }
-        if now.us_since(self.client.last_request_at()) >= MONITOR_PERIOD_US {
+        if now.us_since(self.session.client.last_request_at()) >= MONITOR_PERIOD_US {
             self.trims.restart_reading();
             self.offsets.restart_reading();
         }
         if let Some(name) = self.trims.next_name().or_else(|| self.offsets.next_name()) {
-            self.client.begin_read(name);
+            self.session.client.begin_read(name);
             self.is_monitoring = true;
         }
     }
 
+    fn kind(&self) -> Option<AutopilotKind> {
+        match self.autopilot?.1 {
+            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Some(AutopilotKind::ArduPilot),
+            MavAutopilot::MAV_AUTOPILOT_PX4 => Some(AutopilotKind::Px4),
+            _ => None,
+        }
+    }
+
     fn is_ardupilot(&self) -> bool {
-        self.autopilot.is_some_and(|(_, firmware)| firmware == MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA)
+        self.kind() == Some(AutopilotKind::ArduPilot)
     }
 
     fn encoding(&self) -> ParameterEncoding {
-        match self.autopilot {
-            Some((_, MavAutopilot::MAV_AUTOPILOT_PX4)) => ParameterEncoding::Bytewise,
-            _ => ParameterEncoding::Cast,
-        }
+        if self.kind() == Some(AutopilotKind::Px4) { ParameterEncoding::Bytewise } else { ParameterEncoding::Cast }
     }
 }

@@ -1,7 +1,7 @@
 //! ArduPilot's offsets of the module's compass: after its own calibration they correct a field that the module has
 //! corrected already.
 
-use super::autopilot_setup::is_device_of_module;
+use crate::port::autopilot::is_device_of_module;
 use autoswing::trig::sqrt;
 use autoswing_module::messages::{AutopilotReport, ParameterName};
 

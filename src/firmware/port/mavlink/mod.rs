@@ -18,18 +18,15 @@
 
 mod attitude_trims;
 mod autopilot_parameters;
-mod autopilot_setup;
 mod collection;
 mod commands;
 mod compass_offsets;
 mod component;
 mod heading_reset;
 mod own_parameters;
-mod parameter_client;
 mod requests;
 mod status_texts;
 mod transmitter;
-mod wanted_parameters;
 
 use mavlink_dialect::MavState;
 

@@ -7,18 +7,21 @@
 //! INAV's gyro is requested with it. Until the firmware is known, which determines the signs of the attitude, the
 //! firmware is requested instead. Other requests are sent in turn, each about once a second and every second one for
 //! the current, without waiting for replies. The firmware remains among them, because an autopilot can be exchanged
-//! while the module runs.
+//! while the module runs. INAV's settings are checked and changed on request.
 
+use crate::port::autopilot::{AutopilotKind, AutopilotSession, AutopilotState, ParameterRequest};
 use crate::port::message_schedule::MessageSchedule;
 use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::msp::{
-    AutopilotFirmware, MspAngles, MspFunction, MspReceiver, MspReply, compass_message, encode_request,
-    inav_body_rates_rad_s,
+    AutopilotFirmware, MspAngles, MspFunction, MspReceiver, MspReply, Setting, compass_message, encode_request,
+    encode_setting_request, inav_body_rates_rad_s,
 };
 use autoswing::attitude::{AttitudeReport, BodyRates, RateEstimator, SenderId};
 use autoswing::time::{Timestamp, WrappingMillis};
+use autoswing_module::compass::{AutopilotAction, Command};
+use autoswing_module::messages::Message;
 
 /// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
 /// Hz.
@@ -67,24 +70,33 @@ pub struct Msp {
     periodic_schedule: MessageSchedule,
     /// Index of the next periodic request other than attitude.
     next_periodic_index: usize,
+    autopilot_session: AutopilotSession,
+    /// Setting of INAV that was read last.
+    last_setting: Option<Setting>,
 }
 
 impl Msp {
     /// Creates the protocol without a known autopilot.
     #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            receiver: MspReceiver::new(),
-            autopilot_firmware: None,
-            armed_report: None,
-            gyro_report: None,
-            rate_estimator: RateEstimator::new(),
-            open_request_sent_at: None,
-            compass_schedule: MessageSchedule::new(),
-            attitude_schedule: MessageSchedule::new(),
-            periodic_schedule: MessageSchedule::new(),
-            next_periodic_index: 0,
-        }
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Begins an action on the autopilot.
+    pub fn begin_autopilot_action(&mut self, action: AutopilotAction) {
+        let is_inav = self.autopilot_firmware == Some(AutopilotFirmware::Inav);
+        self.autopilot_session = AutopilotSession::default();
+        self.autopilot_session.begin_action(action, is_inav.then_some(AutopilotKind::Inav));
+    }
+
+    /// Takes a message about the autopilot, for all users.
+    pub fn take_message(&mut self, now: Timestamp) -> Option<Message> {
+        self.autopilot_session.take_message(now)
+    }
+
+    /// Takes a command that an action on the autopilot needs.
+    pub const fn take_command(&mut self) -> Option<Command> {
+        self.autopilot_session.take_command()
     }
 
     fn process_message(&mut self, at: Timestamp, message: MspReply) -> Option<ReceivedMessage> {
@@ -101,6 +113,13 @@ impl Msp {
             MspReply::Rtc(day) => return day.map(ReceivedMessage::Date),
             MspReply::FcVariant(firmware) => self.autopilot_firmware = Some(firmware),
             MspReply::Armed(is_armed) => self.armed_report = Some((at, is_armed)),
+            MspReply::Setting(setting) => {
+                self.last_setting = Some(setting);
+                self.autopilot_session.client.on_number(setting.name, Some(setting.number));
+            }
+            MspReply::Done | MspReply::Refused(MspFunction::SettingInfo | MspFunction::SetSetting) => {
+                self.autopilot_session.client.on_answer();
+            }
             MspReply::Gyro(_) | MspReply::Refused(_) => {}
         }
         None
@@ -126,6 +145,28 @@ impl Msp {
         let function = PERIODIC_REQUESTS.get(self.next_periodic_index).copied().unwrap_or(first);
         self.next_periodic_index = (self.next_periodic_index + 1) % PERIODIC_REQUESTS.len();
         function
+    }
+
+    /// Sends the due request of an action on INAV.
+    fn send_autopilot_request(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+        let (kind, now) = (AutopilotKind::Inav, snapshot.now);
+        let is_disarmed = self.is_armed(now) == Some(false);
+        let msp_choice = self.last_setting.and_then(|setting| setting.msp_choice);
+        self.autopilot_session.advance(snapshot, AutopilotState { kind, is_disarmed, trims_deg: [0.0; 2], msp_choice });
+        let Some(request) = self.autopilot_session.due_request(now, is_disarmed) else { return };
+        let is_sent = match request {
+            ParameterRequest::Read(name) => out.append_message(&[&encode_setting_request(name, &[])]),
+            ParameterRequest::Write(name, number) => {
+                let bytes = (number as i32).to_le_bytes();
+                let length = self.last_setting.map_or(bytes.len(), |setting| usize::from(setting.length));
+                out.append_message(&[&encode_setting_request(name, bytes.get(..length).unwrap_or(&bytes))])
+            }
+            ParameterRequest::Save => out.append_message(&[&encode_request(MspFunction::EepromWrite)]),
+            ParameterRequest::Restart => out.append_message(&[&encode_request(MspFunction::Reboot)]),
+        };
+        if is_sent {
+            self.autopilot_session.on_request_sent(now, request);
+        }
     }
 
     /// Request to send whenever the last was answered; none if the firmware's signs are unknown.
@@ -198,6 +239,7 @@ impl Msp {
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
             self.open_request_sent_at = out.append_message(&requests).then_some(now);
         }
+        self.send_autopilot_request(snapshot, out);
     }
 }
 

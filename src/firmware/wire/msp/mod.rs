@@ -46,6 +46,7 @@ use crc::{CRC_8_DVB_S2, Crc};
 
 use autoswing::earth::{Date, Position};
 use autoswing::frames::{Body, Field, RollPitch};
+use autoswing_module::messages::ParameterName;
 
 /// Function of a request or reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,11 +66,30 @@ pub enum MspFunction {
     Analog = 110,
     /// MSP_RTC: date of the real-time clock.
     Rtc = 247,
+    /// MSP_REBOOT: restart.
+    Reboot = 68,
+    /// MSP_EEPROM_WRITE: save all settings.
+    EepromWrite = 250,
+    /// MSP2_COMMON_SET_SETTING: change a setting.
+    SetSetting = 0x1004,
+    /// MSP2_COMMON_SETTING_INFO: a setting with its kind, choices and number.
+    SettingInfo = 0x1007,
 }
 
 impl MspFunction {
-    const ALL_FUNCTIONS: [Self; 7] =
-        [Self::FcVariant, Self::Status, Self::RawImu, Self::RawGps, Self::Attitude, Self::Analog, Self::Rtc];
+    /// Functions with replies that are decoded.
+    const ALL_FUNCTIONS: [Self; 10] = [
+        Self::FcVariant,
+        Self::Status,
+        Self::RawImu,
+        Self::RawGps,
+        Self::Attitude,
+        Self::Analog,
+        Self::Rtc,
+        Self::EepromWrite,
+        Self::SetSetting,
+        Self::SettingInfo,
+    ];
 
     fn from_number(number: u16) -> Option<Self> {
         Self::ALL_FUNCTIONS.into_iter().find(|function| *function as u16 == number)
@@ -138,15 +158,32 @@ pub enum MspReply {
     Current(f32),
     /// Date; none if the clock was never set.
     Rtc(Option<Date>),
+    /// Setting of INAV.
+    Setting(Setting),
+    /// A setting was changed, or all were saved.
+    Done,
     /// Function that the autopilot does not support: an error frame, or a reply without a payload, which ArduPilot
     /// sends for unknown functions and Betaflight without a clock.
     Refused(MspFunction),
 }
 
+/// Setting of INAV.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Name of the setting.
+    pub name: ParameterName,
+    /// Number, of a choice its position.
+    pub number: f32,
+    /// Length of the number, bytes.
+    pub length: u8,
+    /// Number of the choice `MSP`, if it has one, which differs between versions.
+    pub msp_choice: Option<f32>,
+}
+
 const FRAME_HEADER_SIZE: usize = 8;
 
-/// Longest accepted payload, bytes. MSP_STATUS has 11 to 40, depending on firmware and version.
-const MAX_PAYLOAD_LENGTH: usize = 64;
+/// Longest accepted payload, bytes: INAV's `mag_hardware` with the names of its choices has 153 in version 8, 162 in 9.
+const MAX_PAYLOAD_LENGTH: usize = 192;
 
 const MAX_FRAME_LENGTH: usize = FRAME_HEADER_SIZE + MAX_PAYLOAD_LENGTH + 1;
 
@@ -237,6 +274,10 @@ fn has_valid_checksum(frame: &[u8]) -> bool {
 fn decode_reply(frame: &[u8]) -> Option<MspReply> {
     let [_, _, direction, _, f0, f1, _, _, payload @ .., _crc] = frame else { return None };
     let function = MspFunction::from_number(u16::from_le_bytes([*f0, *f1]))?;
+    let is_answer = matches!(function, MspFunction::SetSetting | MspFunction::EepromWrite);
+    if *direction == b'>' && is_answer {
+        return Some(MspReply::Done);
+    }
     if *direction == b'!' || payload.is_empty() {
         return Some(MspReply::Refused(function));
     }
@@ -255,8 +296,35 @@ fn decode_reply(frame: &[u8]) -> Option<MspReply> {
             Some(MspReply::Current(f32::from(i16::from_le_bytes([*c0, *c1])) * 0.01))
         }
         (MspFunction::Rtc, payload) => parse_rtc(payload),
+        (MspFunction::SettingInfo, payload) => parse_setting(payload).map(MspReply::Setting),
         _ => None,
     }
+}
+
+/// Name, parameter group, type, section, mode, least and largest number, index, profile and number of profiles; the names
+/// of all choices; the number (INAV, fc_msp.c, `mspSettingInfoCommand`; settings.h, `setting_type_e`).
+fn parse_setting(payload: &[u8]) -> Option<Setting> {
+    const FIELDS_LENGTH: usize = 17;
+    const MAX_INTEGER_KIND: u8 = 4;
+    let name_length = payload.iter().position(|byte| *byte == 0)?;
+    let (name, rest) = payload.split_at_checked(name_length)?;
+    let [_, fields @ ..] = rest else { return None };
+    let (&[_, _, kind, _, mode, least, ..], values) = fields.split_first_chunk::<FIELDS_LENGTH>()?;
+    if kind > MAX_INTEGER_KIND {
+        return None;
+    }
+    let length = 1_usize << (kind / 2);
+    let (choices, number) = values.split_at_checked(values.len().checked_sub(length)?)?;
+    let is_negative = kind % 2 == 1 && number.last().is_some_and(|byte| byte & 0x80 != 0);
+    let mut bytes = [if is_negative { 0xFF } else { 0 }; 4];
+    bytes.iter_mut().zip(number).for_each(|(target, byte)| *target = *byte);
+    let msp_choice = choices.split(|byte| *byte == 0).position(|choice| choice == b"MSP").filter(|_| mode != 0);
+    Some(Setting {
+        name: ParameterName::new(core::str::from_utf8(name).ok()?),
+        number: i32::from_le_bytes(bytes) as f32,
+        length: length as u8,
+        msp_choice: msp_choice.map(|position| f32::from(least) + position as f32),
+    })
 }
 
 fn parse_firmware(name: &[u8]) -> AutopilotFirmware {
@@ -313,6 +381,31 @@ fn parse_date(year: u16, month: u8, day: u8) -> Option<Date> {
 pub fn encode_request(function: MspFunction) -> [u8; 9] {
     let [f0, f1] = (function as u16).to_le_bytes();
     let mut frame = [b'$', b'X', b'<', 0, f0, f1, 0, 0, 0];
+    write_checksum(&mut frame);
+    frame
+}
+
+/// Encoded request about a setting.
+pub type SettingRequest = heapless::Vec<u8, { FRAME_HEADER_SIZE + size_of::<ParameterName>() + 1 + 4 + 1 }>;
+
+/// Encodes a request for a setting, or its change to the bytes of a number.
+#[must_use]
+pub fn encode_setting_request(name: ParameterName, new_number: &[u8]) -> SettingRequest {
+    let function = if new_number.is_empty() { MspFunction::SettingInfo } else { MspFunction::SetSetting };
+    let name_length = name.0.iter().position(|byte| *byte == 0).unwrap_or(name.0.len());
+    let payload_length = (name_length + 1 + new_number.len()) as u8;
+    let [f0, f1] = (function as u16).to_le_bytes();
+    let mut frame = SettingRequest::new();
+    // The capacity is that of the longest name and number.
+    for part in [
+        &[b'$', b'X', b'<', 0, f0, f1, payload_length, 0],
+        name.0.get(..name_length).unwrap_or_default(),
+        &[0],
+        new_number,
+        &[0],
+    ] {
+        let _ = frame.extend_from_slice(part);
+    }
     write_checksum(&mut frame);
     frame
 }

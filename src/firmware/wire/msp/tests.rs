@@ -197,7 +197,10 @@ fn refusals_and_empty_replies_are_returned() {
     for function in MspFunction::ALL_FUNCTIONS {
         for (direction, payload) in [(b'!', &[][..]), (b'!', &[1, 2, 3, 4, 5, 6]), (b'>', &[])] {
             let reply = msp_frame(direction, function as u16, payload);
-            assert_eq!(decode_single(&reply), Some(MspReply::Refused(function)), "{direction} {payload:?}");
+            let is_change = matches!(function, MspFunction::SetSetting | MspFunction::EepromWrite);
+            let is_done = is_change && direction == b'>';
+            let expected = if is_done { MspReply::Done } else { MspReply::Refused(function) };
+            assert_eq!(decode_single(&reply), Some(expected), "{direction} {payload:?}");
         }
     }
 }
@@ -225,4 +228,41 @@ fn a_frame_within_a_payload_is_not_decoded() {
     let (messages, rejected) =
         decoded_replies(&[reply_frame(MspFunction::Status, &payload), vec![0; MAX_FRAME_LENGTH]].concat());
     assert_eq!((messages, rejected), (vec![MspReply::Armed(false)], 0));
+}
+
+/// Requests and replies as INAV's fc_msp.c reads and writes them.
+#[test]
+fn settings_of_inav_have_their_number_and_the_choice_of_msp() {
+    let name = ParameterName::new("align_mag_yaw");
+    assert_eq!(encode_setting_request(name, &[])[..], msp_frame(b'<', 0x1007, b"align_mag_yaw\0"));
+    assert_eq!(encode_setting_request(name, &[0x84, 0x03])[..], msp_frame(b'<', 0x1004, b"align_mag_yaw\0\x84\x03"));
+    let longest = ParameterName::new("sixteen_letters_");
+    assert_eq!(
+        encode_setting_request(longest, &[1, 2, 3, 4])[..],
+        msp_frame(b'<', 0x1004, b"sixteen_letters_\0\x01\x02\x03\x04")
+    );
+    let info = |kind: u8, mode: u8, values: &[u8]| {
+        let fields = [0x12, 0x34, kind, 0, mode, 3, 0, 0, 0, 15, 0, 0, 0, 9, 0, 0, 0];
+        let reply = [b"align_mag_yaw\0", &fields[..], values].concat();
+        decode_single(&reply_frame(MspFunction::SettingInfo, &reply))
+    };
+    let choices = b"AUTO\0MSP\0FAKE\0";
+    for (kind, mode, values, number, length, msp_choice) in [
+        (0, 0x40, [&choices[..], &[200]].concat(), 200.0, 1, Some(4.0)),
+        (0, 0, vec![7], 7.0, 1, None),
+        (1, 0, vec![0xFE], -2.0, 1, None),
+        (2, 0, vec![0xFE, 0xFF], 65_534.0, 2, None),
+        (3, 0, vec![0x7C, 0xFC], -900.0, 2, None),
+        (4, 0, vec![1, 2, 0, 0], 513.0, 4, None),
+    ] {
+        let setting = Setting { name, number, length, msp_choice };
+        assert_eq!(info(kind, mode, &values), Some(MspReply::Setting(setting)), "{kind}");
+    }
+    for (kind, values) in [(5, [0; 4]), (6, [0; 4]), (255, [0; 4])] {
+        assert_eq!(info(kind, 0, &values), None, "{kind} is no integer");
+    }
+    assert_eq!(info(4, 0, &[1, 2, 3]), None);
+    assert_eq!(decode_single(&reply_frame(MspFunction::SetSetting, &[])), Some(MspReply::Done));
+    let refused = msp_frame(b'!', 0x1004, &[]);
+    assert_eq!(decode_single(&refused), Some(MspReply::Refused(MspFunction::SetSetting)));
 }

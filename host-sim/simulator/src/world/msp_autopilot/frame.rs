@@ -10,11 +10,15 @@ const MSP_ATTITUDE: u16 = 108;
 const MSP_ANALOG: u16 = 110;
 const MSP_RTC: u16 = 247;
 const SENSOR_COMPASS: u16 = 0x1F04;
+pub(super) const REBOOT: u16 = 68;
+pub(super) const EEPROM_WRITE: u16 = 250;
+pub(super) const SET_SETTING: u16 = 0x1004;
+pub(super) const SETTING_INFO: u16 = 0x1007;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct MspRequest {
     pub function_code: u16,
-    payload: Vec<u8>,
+    pub payload: Vec<u8>,
 }
 
 impl MspRequest {

@@ -4,10 +4,12 @@
 //! errors are detected. An answer contains the autopilot's state at the time of sending.
 
 mod frame;
+mod settings;
 mod state;
 
 use std::collections::VecDeque;
 
+pub use self::settings::InavSettings;
 pub use self::state::{AutopilotState, MspFirmware};
 
 use self::frame::{MspAnswer, MspRequest, RequestReader, encode_reply};
@@ -57,6 +59,10 @@ pub struct MspAutopilot {
     waiting_requests: VecDeque<(u64, MspRequest)>,
     held_bytes: Vec<u8>,
     compass_samples: Vec<CompassSample>,
+    /// Settings of INAV.
+    pub settings: InavSettings,
+    /// Number of restarts by request.
+    pub restart_count: u32,
 }
 
 impl MspAutopilot {
@@ -73,6 +79,8 @@ impl MspAutopilot {
             waiting_requests,
             held_bytes: Vec::new(),
             compass_samples: Vec::new(),
+            settings: InavSettings::new(),
+            restart_count: 0,
         }
     }
 
@@ -104,8 +112,24 @@ impl MspAutopilot {
         std::mem::take(&mut self.compass_samples)
     }
 
-    fn answer_request(&self, request: &MspRequest, autopilot_state: &AutopilotState) -> MspAnswer {
-        frame::reply_payload(self.firmware, request.function_code, autopilot_state).map_or(
+    fn answer_request(&mut self, request: &MspRequest, autopilot_state: &AutopilotState) -> MspAnswer {
+        let reply = match request.function_code {
+            frame::SETTING_INFO if self.firmware == MspFirmware::Inav => self.settings.info(&request.payload),
+            frame::SET_SETTING if self.firmware == MspFirmware::Inav => {
+                self.settings.change(&request.payload).map(|()| Vec::new())
+            }
+            frame::EEPROM_WRITE if self.firmware == MspFirmware::Inav && !autopilot_state.is_armed => {
+                self.settings.save();
+                Some(Vec::new())
+            }
+            frame::REBOOT if self.firmware == MspFirmware::Inav => {
+                self.restart_count += 1;
+                self.settings.load();
+                Some(Vec::new())
+            }
+            function => frame::reply_payload(self.firmware, function, autopilot_state),
+        };
+        reply.map_or(
             match self.firmware {
                 // ArduPilot acknowledges unknown functions.
                 MspFirmware::ArduPilot => MspAnswer::Reply(Vec::new()),
@@ -138,4 +162,4 @@ impl MspAutopilot {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

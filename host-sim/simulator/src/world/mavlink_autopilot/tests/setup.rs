@@ -236,3 +236,47 @@ fn offsets_that_correct_a_second_time_are_reported_once() {
         assert_eq!(report_count(&bench), reports, "{offset_mg} mG: {:?}", bench.notices);
     }
 }
+
+/// Notes of each action, as the console shows them: before the calibration, after it, and back.
+fn recorded_session(title: &str, mut act: impl FnMut(bool, AutopilotAction) -> Vec<String>) -> String {
+    let mut session = format!("{title}\n{}\n", "-".repeat(title.len()));
+    for (is_calibrated, command, action) in [
+        (false, "check", AutopilotAction::Check),
+        (false, "setup yes", AutopilotAction::Setup),
+        (true, "check", AutopilotAction::Check),
+        (true, "setup yes", AutopilotAction::Setup),
+        (true, "undo", AutopilotAction::Undo),
+    ] {
+        let state = if is_calibrated { "calibrated" } else { "uncalibrated" };
+        let notes: String = act(is_calibrated, action).iter().flat_map(|text| ["note ", text, "\n"]).collect();
+        session.extend(["\n> autopilot ", command, "    (", state, ")\n", &notes]);
+    }
+    session
+}
+
+#[test]
+fn the_documented_sessions_are_those_of_the_module() {
+    let mavlink_session = |title, mut bench: Bench| {
+        recorded_session(title, |is_calibrated, action| {
+            if is_calibrated {
+                bench.indicator_state = IndicatorState::Calibrated;
+                bench.heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
+            }
+            run_action(&mut bench, action)
+        })
+    };
+    let mut px4 = Bench::new(MavlinkFirmware::Px4);
+    px4.autopilot.parameters.set_number("CAL_MAG0_ID", 396_809.0);
+    px4.settings.sends_vision_yaw = true;
+    px4.run_for_s(2);
+    let mut inav = crate::world::msp_autopilot::tests::setup::bench_with_own_calibration();
+    let sessions = [
+        mavlink_session("ArduPilot with a compass of its own; the module by DroneCAN", bench_with_two_compasses()),
+        mavlink_session("PX4 with a compass of its own; the module by DroneCAN, with set vision on", px4),
+        recorded_session("INAV, with a calibration of its own; the module by MSP", |is_calibrated, action| {
+            inav.is_calibrated = is_calibrated;
+            inav.run_action(action)
+        }),
+    ];
+    testkit::documents::assert_document_is("docs/autopilot-setup.txt", &sessions.join("\n\n"));
+}

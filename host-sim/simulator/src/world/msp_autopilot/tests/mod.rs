@@ -1,3 +1,5 @@
+pub mod setup;
+
 use autoswing_firmware::wire::msp::{self, AutopilotFirmware, MspFunction, MspReceiver, MspReply};
 
 use super::frame::crc_8_dvb_s2;

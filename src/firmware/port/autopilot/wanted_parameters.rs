@@ -4,11 +4,18 @@
 //! by slot, `COMPASS_USE` by priority), AP_Param.cpp (`save_sync`: a number that is written again is saved), and PX4's
 //! EKF2_EV_CTRL; of its compasses sensor_calibration/Utilities.cpp (`FindCurrentCalibrationIndex`: a compass whose id no
 //! slot has is uncalibrated, and magnetometerCheck.cpp then refuses to arm), sensors/module.yaml (names and ranges) and
-//! VehicleMagnetometer.cpp (`MagCalibrationUpdate`: offsets that the filter has learnt are saved after each flight).
-
-use mavlink_dialect::MavAutopilot;
+//! VehicleMagnetometer.cpp (`MagCalibrationUpdate`: offsets that the filter has learnt are saved after each flight); and INAV's compass.c (`compassUpdate`: uncalibrated with gains of 1024).
 
 use autoswing_module::messages::{WantedNumber, WantedParameter};
+
+/// Kind of autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AutopilotKind {
+    ArduPilot,
+    Px4,
+    /// By MSP.
+    Inav,
+}
 
 /// Way on which the autopilot receives the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +38,7 @@ pub(super) enum CalibrationStage {
 /// Row of the table.
 #[derive(Debug)]
 pub(super) struct ParameterRow {
-    pub firmware: MavAutopilot,
+    pub kind: AutopilotKind,
     pub link: SetupLink,
     pub stage: CalibrationStage,
     pub wanted: WantedParameter,
@@ -39,40 +46,43 @@ pub(super) struct ParameterRow {
 
 impl ParameterRow {
     const fn new(
-        firmware: MavAutopilot,
+        kind: AutopilotKind,
         (link, stage): (SetupLink, CalibrationStage),
         name_pattern: &'static str,
         number: WantedNumber,
         reason: &'static str,
     ) -> Self {
-        Self { firmware, link, stage, wanted: WantedParameter { name_pattern, number, reason } }
+        Self { kind, link, stage, wanted: WantedParameter { name_pattern, number, reason } }
     }
 
     /// Position of the parameter among those of its autopilot, the same for rows of the same name.
     pub fn position(&self) -> u8 {
         let is_same_name = |row: &ParameterRow| row.wanted.name_pattern == self.wanted.name_pattern;
-        PARAMETER_ROWS.iter().filter(|row| row.firmware == self.firmware).position(is_same_name).unwrap_or(0) as u8
+        PARAMETER_ROWS.iter().filter(|row| row.kind == self.kind).position(is_same_name).unwrap_or(0) as u8
     }
 
     /// Row of a compass, whether the module is calibrated or not.
-    const fn compass(firmware: MavAutopilot, name_pattern: &'static str, number: f32, reason: &'static str) -> Self {
+    const fn compass(kind: AutopilotKind, name_pattern: &'static str, number: f32, reason: &'static str) -> Self {
         let number = WantedNumber::Fixed(number);
-        Self::new(firmware, (SetupLink::Compass, CalibrationStage::Always), name_pattern, number, reason)
+        Self::new(kind, (SetupLink::Compass, CalibrationStage::Always), name_pattern, number, reason)
     }
 }
 
-const ARDUPILOT: MavAutopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
-const PX4: MavAutopilot = MavAutopilot::MAV_AUTOPILOT_PX4;
+const ARDUPILOT: AutopilotKind = AutopilotKind::ArduPilot;
+const PX4: AutopilotKind = AutopilotKind::Px4;
+const INAV: AutopilotKind = AutopilotKind::Inav;
 
 const IS_RAW: &str = "its field is raw until the module is calibrated";
 const IS_CALIBRATED: &str = "the module is calibrated";
+const IS_TURNED: &str = "other angles take the place of align_mag";
+const IS_1024_UNCALIBRATED: &str = "with 1024 it is uncalibrated, unequal ones would correct its field twice";
 const IS_CORRECTED: &str = "its field is corrected already";
 
 /// Wanted parameters, in the order of writing: a compass is used after everything else is right.
-pub(super) static PARAMETER_ROWS: [ParameterRow; 39] = {
+pub(super) static PARAMETER_ROWS: [ParameterRow; 51] = {
     use CalibrationStage::{Always, Calibrated, Uncalibrated};
     use SetupLink::{Compass, Vision};
-    use WantedNumber::{CanDevice, Fixed, Present};
+    use WantedNumber::{CanDevice, FieldStrength, Fixed, MspCompass, NoMspCompass, Present};
     [
         ParameterRow::new(ARDUPILOT, (Compass, Uncalibrated), "COMPASS_USE^", Fixed(0.0), IS_RAW),
         ParameterRow::compass(ARDUPILOT, "COMPASS_ENABLE", 1.0, "compasses are read"),
@@ -142,5 +152,17 @@ pub(super) static PARAMETER_ROWS: [ParameterRow; 39] = {
         ParameterRow::compass(PX4, "CAL_MAG@_YCOMP", 0.0, IS_CORRECTED),
         ParameterRow::compass(PX4, "CAL_MAG@_ZCOMP", 0.0, IS_CORRECTED),
         ParameterRow::new(PX4, (Compass, Calibrated), "CAL_MAG@_PRIO", Fixed(75.0), IS_CALIBRATED),
+        ParameterRow::new(INAV, (Compass, Uncalibrated), "mag_hardware", NoMspCompass, IS_RAW),
+        ParameterRow::compass(INAV, "align_mag", 2.0, "CW90 is for a field in body axes"),
+        ParameterRow::compass(INAV, "align_mag_roll", 0.0, IS_TURNED),
+        ParameterRow::compass(INAV, "align_mag_pitch", 0.0, IS_TURNED),
+        ParameterRow::compass(INAV, "align_mag_yaw", 0.0, IS_TURNED),
+        ParameterRow::compass(INAV, "magzero_x", 0.0, IS_CORRECTED),
+        ParameterRow::compass(INAV, "magzero_y", 0.0, IS_CORRECTED),
+        ParameterRow::compass(INAV, "magzero_z", 0.0, IS_CORRECTED),
+        ParameterRow::new(INAV, (Compass, Calibrated), "maggain_x", FieldStrength, IS_1024_UNCALIBRATED),
+        ParameterRow::new(INAV, (Compass, Calibrated), "maggain_y", FieldStrength, IS_1024_UNCALIBRATED),
+        ParameterRow::new(INAV, (Compass, Calibrated), "maggain_z", FieldStrength, IS_1024_UNCALIBRATED),
+        ParameterRow::new(INAV, (Compass, Calibrated), "mag_hardware", MspCompass, IS_CALIBRATED),
     ]
 };

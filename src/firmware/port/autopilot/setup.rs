@@ -5,11 +5,13 @@
 //! that it is disarmed, and after its number is kept in flash. A report waits until it was taken, and the next parameter
 //! waits for it.
 
-use mavlink_dialect::MavAutopilot;
+use libm::roundf;
 
 use super::parameter_client::{ParameterClient, ParameterError, is_same_number};
-use super::wanted_parameters::{CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink};
+use super::wanted_parameters::{AutopilotKind, CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink};
+use autoswing::frames::{Body, Field};
 use autoswing::time::Timestamp;
+use autoswing::trig::VectorLength as _;
 use autoswing_module::compass::{AutopilotAction, Command};
 use autoswing_module::messages::{
     AutopilotReport, CompassPriority, ParameterCounts, ParameterName, ParameterReport, ParameterState,
@@ -33,27 +35,46 @@ const ARDUPILOT_ID_NAMES: [&str; 2 * ARDUPILOT_COMPASS_COUNT] = [
 /// PX4's device ids by slot.
 const PX4_ID_NAMES: [&str; 4] = ["CAL_MAG0_ID", "CAL_MAG1_ID", "CAL_MAG2_ID", "CAL_MAG3_ID"];
 
+/// Slot and priority in the place of a compass of INAV, which has one: no other autopilot's.
+const INAV_COMPASS: (u8, u8) = (0, 1);
+
+/// INAV's `mag_hardware` without a compass.
+const NO_COMPASS_CHOICE: f32 = 0.0;
+
+/// Difference of a gain from the field strength that changes nothing, relative.
+const MAX_STRENGTH_DIFFERENCE: f32 = 0.02;
+
 /// Time after which a number that is not kept yet is passed on again, microseconds; a save takes 50 ms.
 const KEEP_TIMEOUT_US: u64 = 1_000_000;
 
 /// Attempts to keep a number, until the setup ends.
 const KEEP_ATTEMPTS: u8 = 5;
 
+/// What a line knows of its autopilot.
+#[derive(Clone, Copy, Debug)]
+pub struct AutopilotState {
+    pub kind: AutopilotKind,
+    /// Whether it reports that it is disarmed.
+    pub is_disarmed: bool,
+    /// Trims of roll and pitch that are removed from its attitude, degrees.
+    pub trims_deg: [f32; 2],
+    /// Number of the choice `MSP` in the setting that was read last.
+    pub msp_choice: Option<f32>,
+}
+
 /// What check and setup depend on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SetupContext<'a> {
     pub now: Timestamp,
-    pub firmware: MavAutopilot,
+    pub autopilot: AutopilotState,
     /// Number of the module's node on a CAN bus.
     pub can_node: Option<u8>,
     pub sends_vision_yaw: bool,
     pub is_calibrated: bool,
-    /// Whether the autopilot reports that it is disarmed.
-    pub is_disarmed: bool,
     /// Magnetic heading of a calibrated module, degrees, if there is one now.
     pub heading_deg: Option<f32>,
-    /// Trims of roll and pitch that are removed from the autopilot's attitude, degrees.
-    pub trims_deg: [f32; 2],
+    /// Field that the module sends as a compass.
+    pub field: Option<Field<Body>>,
     /// Numbers that are kept in flash.
     pub replaced_numbers: &'a ReplacedNumbers,
 }
@@ -81,6 +102,8 @@ pub(super) struct AutopilotSetup {
     priority_ids: [u32; ARDUPILOT_COMPASS_COUNT],
     /// Slot and priority of the module, counted from 1; PX4 has no priority, 0.
     module_compass: Option<(u8, u8)>,
+    /// Whether INAV was told to save its settings.
+    is_saved: bool,
     /// First slot of PX4 without a compass, counted from 1.
     free_slot: Option<u8>,
     /// Whether the autopilot has answered.
@@ -96,11 +119,15 @@ pub(super) struct AutopilotSetup {
 
 impl AutopilotSetup {
     /// Begins a check, a setup or an undo.
-    pub fn begin(&mut self, action: AutopilotAction, firmware: MavAutopilot) {
-        let id_names: &[&str] =
-            if firmware == MavAutopilot::MAV_AUTOPILOT_PX4 { &PX4_ID_NAMES } else { &ARDUPILOT_ID_NAMES };
+    pub fn begin(&mut self, action: AutopilotAction, kind: AutopilotKind) {
+        let id_names: &[&str] = match kind {
+            AutopilotKind::ArduPilot => &ARDUPILOT_ID_NAMES,
+            AutopilotKind::Px4 => &PX4_ID_NAMES,
+            AutopilotKind::Inav => &[],
+        };
         let step = if action == AutopilotAction::Undo { id_names.len() as u8 } else { 0 };
-        *self = Self { action: Some(action), id_names, step, ..Self::default() };
+        let module_compass = (kind == AutopilotKind::Inav).then_some(INAV_COMPASS);
+        *self = Self { action: Some(action), id_names, step, module_compass, ..Self::default() };
     }
 
     pub const fn is_running(&self) -> bool {
@@ -170,7 +197,7 @@ impl AutopilotSetup {
     }
 
     fn begin_next_read(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
-        if self.action == Some(AutopilotAction::Undo) {
+        if self.action == Some(AutopilotAction::Undo) && context.autopilot.kind != AutopilotKind::Inav {
             self.module_compass = Some(context.replaced_numbers.compass());
         }
         let has_all_ids = usize::from(self.step) == self.id_names.len();
@@ -185,14 +212,18 @@ impl AutopilotSetup {
             }
             self.step += 1;
         }
+        if context.autopilot.kind == AutopilotKind::Inav && self.counts.changed > 0 && !self.is_saved {
+            self.is_saved = true;
+            return client.begin_save();
+        }
         if self.action == Some(AutopilotAction::Undo) {
             let is_nothing = self.counts == ParameterCounts::default();
             let summary = AutopilotReport::Summary(self.counts);
             return self.end(if is_nothing { AutopilotReport::NothingReplaced } else { summary });
         }
-        let has_trims = context.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0);
+        let has_trims = context.autopilot.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0);
         let later_reports = [
-            has_trims.then_some(AutopilotReport::Trims(context.trims_deg)),
+            has_trims.then_some(AutopilotReport::Trims(context.autopilot.trims_deg)),
             context.heading_deg.filter(|_| self.action == Some(AutopilotAction::Check)).map(AutopilotReport::Heading),
         ];
         self.report = later_reports.into_iter().skip(usize::from(self.step) - rows_end).find_map(|report| {
@@ -228,7 +259,7 @@ impl AutopilotSetup {
             CalibrationStage::Calibrated => context.is_calibrated,
         };
         let is_replaced = self.replaced_number(row, context).is_some();
-        row.firmware == context.firmware
+        row.kind == context.autopilot.kind
             && if self.action == Some(AutopilotAction::Undo) { is_replaced } else { has_link && is_stage }
     }
 
@@ -242,13 +273,13 @@ impl AutopilotSetup {
             self.end(AutopilotReport::NoReply);
         } else if let Some(row) = self.row() {
             self.process_row(row, context, client, result);
-        } else {
+        } else if usize::from(self.step) < self.id_names.len() {
             self.process_id(context, result.unwrap_or(0.0) as u32);
         }
     }
 
     fn process_id(&mut self, context: SetupContext<'_>, device_id: u32) {
-        let is_px4 = context.firmware == MavAutopilot::MAV_AUTOPILOT_PX4;
+        let is_px4 = context.autopilot.kind == AutopilotKind::Px4;
         let step = usize::from(self.step);
         self.step += 1;
         let slot = (if is_px4 { step } else { step % ARDUPILOT_COMPASS_COUNT }) as u8 + 1;
@@ -266,7 +297,7 @@ impl AutopilotSetup {
     fn process_compass(&mut self, slot: u8, device_id: u32, context: SetupContext<'_>) {
         let is_module = is_device_of_module(device_id, context.can_node);
         let index = self.priority_ids.iter().position(|priority_id| *priority_id == device_id);
-        let (priority, priority_number) = if context.firmware == MavAutopilot::MAV_AUTOPILOT_PX4 {
+        let (priority, priority_number) = if context.autopilot.kind == AutopilotKind::Px4 {
             (CompassPriority::Px4, Some(0))
         } else {
             let number = index.map(|index| index as u8 + 1);
@@ -295,13 +326,23 @@ impl AutopilotSetup {
             WantedNumber::Present => self.number_before.unwrap_or(read_number),
             WantedNumber::CanDevice if is_device_of_module(read_number as u32, context.can_node) => read_number,
             WantedNumber::CanDevice => context.can_node.map_or(read_number, px4_device_id),
+            WantedNumber::MspCompass => context.autopilot.msp_choice.unwrap_or(read_number),
+            WantedNumber::NoMspCompass => {
+                let is_msp = context.autopilot.msp_choice.is_some_and(|choice| is_same_number(choice, read_number));
+                if is_msp { NO_COMPASS_CHOICE } else { read_number }
+            }
+            WantedNumber::FieldStrength => {
+                let strength_mg = context.field.map_or(read_number, |field| roundf(10.0 * field.ut.vector_length()));
+                let is_near = (read_number - strength_mg).abs() <= MAX_STRENGTH_DIFFERENCE * strength_mg;
+                if is_near { read_number } else { strength_mg }
+            }
         };
         let is_rewritten = row.wanted.number == WantedNumber::Present;
         let is_right = is_same_number(read_number, wanted);
         let (number, state) = match (result, self.number_before) {
             (Ok(number), None) if self.is_to_write(row, context) && (!is_right || is_rewritten) => {
                 self.number_before = Some(number);
-                if !context.is_disarmed {
+                if !context.autopilot.is_disarmed {
                     self.end(AutopilotReport::Armed);
                 } else if is_undo || is_rewritten || replaced_number.is_some() {
                     client.begin_write(wanted);
@@ -322,7 +363,8 @@ impl AutopilotSetup {
             Some(ParameterState::Changed) => {
                 self.counts.right += 1;
                 self.counts.changed += 1;
-                self.counts.needs_restart |= row.stage != CalibrationStage::Calibrated;
+                let is_inav = row.kind == AutopilotKind::Inav;
+                self.counts.needs_restart |= is_inav || row.stage != CalibrationStage::Calibrated;
             }
             Some(ParameterState::Missing) => self.counts.missing += 1,
             Some(ParameterState::Wrong | ParameterState::NotChanged) => self.counts.wrong += 1,
@@ -368,7 +410,7 @@ fn px4_device_id(can_node: u8) -> f32 {
 
 /// Whether a device id (ArduPilot's `AP_HAL::Device`, PX4's `device::Device`) is that of a compass by MSP, or of this
 /// node's on a CAN bus.
-pub(super) fn is_device_of_module(device_id: u32, can_node: Option<u8>) -> bool {
+pub fn is_device_of_module(device_id: u32, can_node: Option<u8>) -> bool {
     const MSP_BUS: u32 = 5;
     let (bus_kind, address) = (device_id & 7, device_id >> 8 & 0xFF);
     match bus_kind {

@@ -1,12 +1,8 @@
 //! Client of the autopilot's parameters: reads or writes one at a time by its name, with time-outs and repetitions.
 //!
-//! A write is complete when a read afterwards returns the number: the reply to a PARAM_SET alone may be lost, or be the
+//! A write is complete when a read afterwards returns the number: the reply to a write alone may be lost, or be the
 //! answer to a ground station that writes at the same time.
 
-use mavlink_dialect::MavParamType;
-
-use super::transmitter::Transmitter;
-use crate::wire::mavlink::{Address, OutboundMessage, ParameterEncoding, ReceivedParameter};
 use autoswing::time::Timestamp;
 use autoswing_module::messages::ParameterName;
 
@@ -17,10 +13,26 @@ const REPLY_TIMEOUT_US: u64 = 500_000;
 /// either direction, one in twenty requests for an existing one fails.
 const ATTEMPTS: u8 = 5;
 
+/// Time for INAV to save its settings, which is requested once, microseconds.
+const SAVE_TIMEOUT_US: u64 = 3_000_000;
+
+/// Request to the autopilot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ParameterRequest {
+    /// Read a parameter.
+    Read(ParameterName),
+    /// Write a parameter, whose kind was read.
+    Write(ParameterName, f32),
+    /// Save all settings; only INAV needs it.
+    Save,
+    /// Restart the autopilot.
+    Restart,
+}
+
 /// Error of a read or write.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum ParameterError {
-    /// No reply: the autopilot has no such parameter, or the line is broken.
+pub enum ParameterError {
+    /// No reply, or a refusal: the autopilot has no such parameter, or the line is broken.
     NoReply,
     /// The kind of number is unknown, or the number is not finite.
     Undecodable,
@@ -37,15 +49,14 @@ enum Step {
     Write(f32),
     /// Reads after the number was written.
     ReadBack(f32),
+    Save,
     Done(Result<f32, ParameterError>),
 }
 
 /// Client of the autopilot's parameters.
 #[derive(Debug, Default)]
-pub(super) struct ParameterClient {
+pub struct ParameterClient {
     name: ParameterName,
-    /// Kind of the last parameter that was read.
-    kind: MavParamType,
     step: Step,
     /// Number of requests of this step.
     attempts: u8,
@@ -54,7 +65,7 @@ pub(super) struct ParameterClient {
 
 impl ParameterClient {
     /// Whether the next read or write may begin.
-    pub fn is_idle(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         self.step == Step::Idle
     }
 
@@ -69,9 +80,14 @@ impl ParameterClient {
         self.begin_step(Step::Read);
     }
 
-    /// Begins to write the parameter that was read last, whose kind is known.
-    pub fn begin_write(&mut self, number: f32) {
+    /// Begins to write the parameter that was read last.
+    pub(super) fn begin_write(&mut self, number: f32) {
         self.begin_step(Step::Write(number));
+    }
+
+    /// Begins to save all settings.
+    pub(super) fn begin_save(&mut self) {
+        self.begin_step(Step::Save);
     }
 
     /// Takes the result of the last read or write: the parameter's number.
@@ -81,16 +97,16 @@ impl ParameterClient {
         Some(result)
     }
 
-    /// Processes a parameter of the autopilot.
-    pub fn on_parameter(&mut self, received: &ReceivedParameter, encoding: ParameterEncoding) {
-        if received.name != self.name || self.attempts == 0 {
-            return;
+    /// Processes a parameter of the autopilot, and its number if it is decodable; returns whether it is a read's.
+    pub fn on_number(&mut self, name: ParameterName, number: Option<f32>) -> bool {
+        if name != self.name || self.attempts == 0 {
+            return false;
         }
-        let read_number = received.number(encoding).ok_or(ParameterError::Undecodable);
+        let read_number = number.ok_or(ParameterError::Undecodable);
         match self.step {
             Step::Read => {
-                self.kind = received.kind;
                 self.step = Step::Done(read_number);
+                return true;
             }
             Step::Write(number) => self.begin_step(Step::ReadBack(number)),
             Step::ReadBack(number) => {
@@ -99,45 +115,52 @@ impl ParameterClient {
                 };
                 self.step = Step::Done(read_number.and_then(check_number));
             }
-            Step::Idle | Step::Done(_) => {}
+            Step::Idle | Step::Save | Step::Done(_) => {}
+        }
+        false
+    }
+
+    /// Processes an answer without a number: of a write or a save, or that a parameter does not exist.
+    pub fn on_answer(&mut self) {
+        if self.attempts > 0 {
+            self.give_up_step();
         }
     }
 
-    /// Sends the due request; returns whether one was sent.
-    pub fn send_due_request(
-        &mut self,
-        now: Timestamp,
-        autopilot: Address,
-        encoding: ParameterEncoding,
-        line: &mut Transmitter<'_>,
-    ) -> bool {
-        if self.attempts > 0 && now.us_since(self.requested_at) < REPLY_TIMEOUT_US {
-            return false;
+    /// Next request, if due.
+    pub(super) fn due_request(&mut self, now: Timestamp) -> Option<ParameterRequest> {
+        let (timeout_us, attempts) =
+            if self.step == Step::Save { (SAVE_TIMEOUT_US, 1) } else { (REPLY_TIMEOUT_US, ATTEMPTS) };
+        if self.attempts > 0 && now.us_since(self.requested_at) < timeout_us {
+            return None;
         }
-        if self.attempts >= ATTEMPTS {
+        if self.attempts >= attempts {
             self.give_up_step();
         }
-        let message = match self.step {
-            Step::Idle | Step::Done(_) => return false,
-            Step::Read | Step::ReadBack(_) => OutboundMessage::parameter_request(autopilot, self.name),
-            Step::Write(number) => OutboundMessage::parameter_change(autopilot, self.name, number, self.kind, encoding),
-        };
-        let is_sent = line.send_message(message);
-        if is_sent {
-            self.attempts += 1;
-            self.requested_at = now;
+        match self.step {
+            Step::Idle | Step::Done(_) => None,
+            Step::Read | Step::ReadBack(_) => Some(ParameterRequest::Read(self.name)),
+            Step::Write(number) => Some(ParameterRequest::Write(self.name, number)),
+            Step::Save => Some(ParameterRequest::Save),
         }
-        is_sent
+    }
+
+    /// Records that the due request was sent.
+    pub(super) const fn on_request_sent(&mut self, now: Timestamp) {
+        self.attempts += 1;
+        self.requested_at = now;
     }
 
     fn begin_step(&mut self, step: Step) {
         (self.step, self.attempts) = (step, 0);
     }
 
-    /// Ends a step without a reply. A write without a reply may have been executed.
+    /// Ends a step without a number. A write without a reply may have been executed.
     fn give_up_step(&mut self) {
         match self.step {
-            Step::Read | Step::ReadBack(_) => self.begin_step(Step::Done(Err(ParameterError::NoReply))),
+            Step::Read | Step::ReadBack(_) | Step::Save => {
+                self.begin_step(Step::Done(Err(ParameterError::NoReply)));
+            }
             Step::Write(number) => self.begin_step(Step::ReadBack(number)),
             Step::Idle | Step::Done(_) => {}
         }
