@@ -1,4 +1,4 @@
-//! Evaluation of a calibration: heading errors at exact field and attitude, relative to true magnetic heading.
+//! Evaluation of a calibration: heading errors without noise, relative to true magnetic heading.
 
 use std::f64::consts::FRAC_PI_6;
 
@@ -21,16 +21,17 @@ impl HeadingErrors {
     /// Evaluates a calibration in a world at cruise current.
     #[must_use]
     pub fn evaluate_calibration(calibration: &Calibration, world: &WorldConfig) -> Self {
-        Self::evaluate_with_field(calibration, world, &|_| Vector3::zeros())
+        Self::evaluate_with_faults(calibration, world, &|_| Vector3::zeros(), [0.0; 2])
     }
 
     /// As [`evaluate_calibration`](Self::evaluate_calibration), with an additional field in chip axes, microtesla, at
-    /// each steady state.
+    /// each steady state, and an error of the reported roll and pitch, radians.
     #[must_use]
-    pub fn evaluate_with_field(
+    pub fn evaluate_with_faults(
         calibration: &Calibration,
         world: &WorldConfig,
         added_field_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
+        attitude_error_rad: [f64; 2],
     ) -> Self {
         let error_deg = |bank_deg: f64, heading_rad: f64| {
             let truth = TrueState { roll_rad: bank_deg.to_radians(), heading_rad, ..TrueState::default() };
@@ -40,7 +41,9 @@ impl HeadingErrors {
             // The indicated heading is calculated by the module's own code.
             let reported_current_a = world.reports_current.then_some(CRUISE_CURRENT_A as f32);
             let field = calibration.remove_motor_current(field, reported_current_a);
-            let attitude = RollPitch::from_deg(bank_deg as f32, 0.0);
+            let [roll_error_rad, pitch_error_rad] = attitude_error_rad;
+            let attitude =
+                RollPitch { roll_rad: (truth.roll_rad + roll_error_rad) as f32, pitch_rad: pitch_error_rad as f32 };
             let indicated = attitude.to_level_frame(calibration.calibrated_field(field)).heading_rad();
             wrap_180((f64::from(indicated) - heading_rad).to_degrees())
         };

@@ -9,6 +9,7 @@ use crate::calibration::hypotheses::attitude_error_table::{
 };
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
 use crate::calibration::hypotheses::lagging_bank_scale::MIN_REPORTED_SIGMAS;
+use crate::calibration::statistics::discrepancy::Discrepancy;
 use crate::calibration::types::bank_scale::BankScaleFinding;
 use crate::calibration::types::coefficients::Calibration;
 use crate::calibration::types::consider_states::ConsiderSigmas;
@@ -173,6 +174,10 @@ impl ConvergedFit<'_> {
         let mut scan =
             is_turn_method.then(|| HardIronScan::new(samples, &information.linear_system, unknowns)).flatten();
         information.accumulate_samples(likelihood, samples, unknowns, scan.as_mut());
+        if self.method != Method::MaximumLikelihood {
+            // The error of a closed form is in its residuals, and in the remaining step.
+            information.residuals.discrepancy = Discrepancy::default();
+        }
         scan?.confirm_change(self, &information.linear_system, &information.residuals)
     }
 

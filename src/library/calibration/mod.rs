@@ -59,8 +59,8 @@
 //! | `closed_form/` | level, four ellipses, two planes, compass swing; starting points |
 //! | `model/` | unknowns, predicted field, residuals, noise, priors |
 //! | `fit/` | normal equations, Levenberg-Marquardt iteration |
-//! | `statistics/` | autocorrelation, heteroscedasticity and white-noise fraction of the residuals |
-//! | `hypotheses/` | score tests: hard-iron change, motor current, attitude latency, bank-angle scale error |
+//! | `statistics/` | autocorrelation, heteroscedasticity, white-noise fraction and systematic part of the residuals |
+//! | `hypotheses/` | score tests: hard-iron change, motor current, attitude latency, bank-angle scale error, attitude drift |
 //! | `uncertainty/` | Fisher information, covariance, variance of a heading, expected error |
 //! | `advice`, `assessment` | recommended manoeuvre; quality and findings of a converged fit |
 //! | `solver/` | the solve in steps: starts, restarts, plausibility |

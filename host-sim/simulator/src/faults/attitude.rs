@@ -171,6 +171,12 @@ pub fn bank_scale_error(switch: FaultSwitch, reported_ratio: f64) -> impl Attitu
     change_messages_while_on(switch, move |message| message.roll *= reported_ratio as f32)
 }
 
+/// Pitch with the wrong sign.
+#[must_use]
+pub fn reversed_pitch(switch: FaultSwitch) -> impl AttitudeFault {
+    change_messages_while_on(switch, |message| message.pitch = -message.pitch)
+}
+
 /// Bank error of a filter that trusts its accelerometers in long turns, where the specific force shows no bank: the
 /// missing bank approaches `missing_fraction` of the bank with this time constant (M. Euston et al., "A Complementary
 /// Filter for Attitude Estimation of a Fixed-Wing UAV", IROS 2008, section IV).

@@ -71,9 +71,46 @@ const FULL_DEFLECTION_BANK_DEG: f64 = 25.0;
 /// of Flight, 2010, 6.4). `full_deflection_ut`: field at 25 deg of bank and above, microtesla, chip axes.
 #[must_use]
 pub fn elevator_linkage(full_deflection_ut: Vector3<f64>) -> impl FieldFault {
+    move |truth: &TrueState| full_deflection_ut * elevator_deflection(truth)
+}
+
+/// Elevator deflection, relative to that at 25 deg of bank.
+fn elevator_deflection(truth: &TrueState) -> f64 {
     let deflection = |bank_rad: f64| 1.0 / libm::cos(bank_rad) - 1.0;
-    let full_deflection = deflection(FULL_DEFLECTION_BANK_DEG.to_radians());
-    move |truth: &TrueState| full_deflection_ut * (deflection(truth.roll_rad) / full_deflection).clamp(0.0, 1.0)
+    (deflection(truth.roll_rad) / deflection(FULL_DEFLECTION_BANK_DEG.to_radians())).clamp(0.0, 1.0)
+}
+
+/// Iron in the linkage of the elevator whose field follows the deflection with a time constant, as iron that the
+/// linkage magnetises.
+pub struct LaggingLinkage {
+    full_deflection_ut: Vector3<f64>,
+    time_constant_s: f64,
+    /// Time of the newest state, microseconds, and its deflection with the lag.
+    newest_deflection: Cell<(u64, f64)>,
+}
+
+impl LaggingLinkage {
+    /// `full_deflection_ut`: field in a long turn at 25 deg of bank, microtesla, chip axes.
+    #[must_use]
+    pub fn new(full_deflection_ut: Vector3<f64>, time_constant_s: f64) -> Self {
+        Self { full_deflection_ut, time_constant_s, newest_deflection: Cell::new((0, 0.0)) }
+    }
+}
+
+impl FieldFault for LaggingLinkage {
+    fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        let (newest_us, mut deflection) = self.newest_deflection.get();
+        if truth.time_us > newest_us {
+            let step_s = (truth.time_us - newest_us) as f64 / 1e6;
+            deflection += (elevator_deflection(truth) - deflection) * (1.0 - libm::exp(-step_s / self.time_constant_s));
+            self.newest_deflection.set((truth.time_us, deflection));
+        }
+        self.full_deflection_ut * deflection
+    }
+
+    fn steady_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        self.full_deflection_ut * elevator_deflection(truth)
+    }
 }
 
 /// Hysteresis of the soft iron: its magnetisation turns with the field only after a play (the play operator of M. A.
@@ -119,6 +156,50 @@ impl FieldFault for SoftIronHysteresis {
     fn steady_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
         let lag_rad = if truth.roll_rad == 0.0 { 0.0 } else { self.play_rad.copysign(truth.roll_rad) };
         self.lag_field_ut(truth, truth.heading_rad - lag_rad)
+    }
+}
+
+/// Hysteresis of soft iron along each body axis: the field of the iron follows that of the Earth only after a play, as
+/// the play operator does.
+pub struct AxisHysteresis {
+    /// Field of the iron in chip axes per field of its magnetisation in body axes.
+    iron: Matrix3<f64>,
+    earth: Earth,
+    play_ut: f64,
+    /// Field in body axes that has magnetised the iron, microtesla; `None` at the start.
+    magnetising_ut: Cell<Option<Vector3<f64>>>,
+}
+
+impl AxisHysteresis {
+    /// Iron with this susceptibility beside the airframe's own. `play_ut`: half width of the loop.
+    #[must_use]
+    pub fn new(airframe: &Airframe, earth: Earth, susceptibility: f64, play_ut: f64) -> Self {
+        let mounting = Rotation3::from_matrix(&airframe.field_matrix).into_inner();
+        Self { iron: mounting * susceptibility, earth, play_ut, magnetising_ut: Cell::new(None) }
+    }
+
+    fn play_output_ut(&self, before_ut: Vector3<f64>, truth: &TrueState) -> Vector3<f64> {
+        let now_ut = self.earth.body_field_ut(truth.euler_angles());
+        before_ut.zip_map(&now_ut, |before, now| before.clamp(now - self.play_ut, now + self.play_ut))
+    }
+}
+
+impl FieldFault for AxisHysteresis {
+    fn added_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        let output_ut = self.play_output_ut(self.magnetising_ut.get().unwrap_or_default(), truth);
+        self.magnetising_ut.set(Some(output_ut));
+        self.iron * output_ut
+    }
+
+    /// Field after two circles to the side of the bank, or to the right in level flight.
+    fn steady_field_ut(&self, truth: &TrueState) -> Vector3<f64> {
+        const STEPS: i32 = 144;
+        let step_rad = 2.0 * PI / f64::from(STEPS / 2) * if truth.roll_rad < 0.0 { -1.0 } else { 1.0 };
+        let output_ut = (0..=STEPS).rev().fold(Vector3::zeros(), |output_ut, steps_to_go| {
+            let heading_rad = truth.heading_rad - f64::from(steps_to_go) * step_rad;
+            self.play_output_ut(output_ut, &TrueState { heading_rad, ..*truth })
+        });
+        self.iron * output_ut
     }
 }
 

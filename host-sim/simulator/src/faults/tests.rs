@@ -8,10 +8,11 @@ use testkit::simulation::Simulation;
 use super::FaultSwitch;
 use super::attitude::{
     AdditionalLatency, AttitudeFault, attitude_bias, attitude_quantisation, attitude_spikes, bank_scale_error,
-    frozen_attitude, lagging_bank_error,
+    frozen_attitude, lagging_bank_error, reversed_pitch,
 };
 use super::field::{
-    FieldFault, SoftIronHysteresis, elevator_linkage, hard_iron_change, passing_object, throttle_interference,
+    AxisHysteresis, FieldFault, LaggingLinkage, SoftIronHysteresis, elevator_linkage, hard_iron_change, passing_object,
+    throttle_interference,
 };
 use super::sensor::{
     FaultyChip, RegisterUpset, SensorFault, additional_noise, aliased_vibration, axis_clipping, measurement_spikes,
@@ -198,6 +199,8 @@ fn each_attitude_fault_has_its_named_effect() {
             (roll(fault, BEFORE_ONSET_US) - 0.4).abs() < 1e-6 && (roll(fault, WHILE_ACTIVE_US) - expected).abs() < 1e-6
         );
     }
+    let mut reversed = reversed_pitch(FaultSwitch::always_on());
+    assert!((apply_attitude_fault(&mut reversed, 0, 0.4).pitch + 0.1).abs() < 1e-6);
     let latency_fault = AdditionalLatency { fault_switch: switch_on_from_1_to_3_s(), latency_us: 200_000 };
     assert_eq!([BEFORE_ONSET_US, WHILE_ACTIVE_US].map(|at_us| latency_fault.added_latency_us(at_us)), [0, 100_000]);
     let coarse = roll(&mut attitude_quantisation(0.1), 0).to_degrees();
@@ -267,6 +270,35 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
     assert!(iron.steady_field_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
     let hysteresis_without_iron = SoftIronHysteresis::new(&Airframe::without_iron(), Earth::default(), 15.0);
     assert!(hysteresis_without_iron.steady_field_ut(&banked(25.0)).norm() < 1e-9);
+}
+
+/// At the time constant 63 % of the steady field; a query of an earlier instant changes nothing.
+#[test]
+fn a_lagging_linkage_follows_the_elevator() {
+    let linkage = LaggingLinkage::new(Vector3::new(0.0, 3.0, 0.0), 5.0);
+    let in_turn = |time_us| TrueState { time_us, roll_rad: 25_f64.to_radians(), ..TrueState::default() };
+    let added_ut = [0, 1_000_000, 5_000_000, 2_000_000, 60_000_000].map(|us| linkage.added_field_ut(&in_turn(us)).y);
+    for (added_ut, expected_ut) in added_ut.into_iter().zip([0.0, 0.544, 1.896, 1.896, 3.0]) {
+        assert!((added_ut - expected_ut).abs() < 0.01, "{added_ut} {expected_ut}");
+    }
+    assert!((linkage.steady_field_ut(&in_turn(0)).y - 3.0).abs() < 1e-9);
+}
+
+/// Level, in a horizontal field of 20 uT: after circles to the right, heading north, each axis is behind by the play.
+#[test]
+fn hysteresis_of_an_axis_keeps_the_field_of_before_by_its_play() {
+    let earth = Earth { total_ut: 25.0, inclination_deg: 36.87 };
+    let iron = AxisHysteresis::new(&Airframe::without_iron(), earth, 0.1, 5.0);
+    let heading = |heading_deg: f64| TrueState { heading_rad: heading_deg.to_radians(), ..TrueState::default() };
+    for heading_deg in 0..=720 {
+        iron.added_field_ut(&heading(f64::from(heading_deg)));
+    }
+    let flown_ut = iron.added_field_ut(&heading(720.0));
+    assert!((flown_ut - Vector3::new(1.5, 0.5, 1.0)).norm() < 0.01, "{flown_ut}");
+    let steady_ut = iron.steady_field_ut(&heading(0.0));
+    assert!((steady_ut - flown_ut).norm() < 0.01, "{steady_ut}");
+    let left = TrueState { roll_rad: -0.01, ..heading(0.0) };
+    assert!((iron.steady_field_ut(&left).y + 0.5).abs() < 0.05, "{}", iron.steady_field_ut(&left));
 }
 
 #[test]

@@ -28,12 +28,14 @@ pub(in crate::calibration) struct AttitudeState {
     pub rates: AngleRates,
     /// [Lagged roll](super::lagging_bank_scale::LaggedRoll), radians.
     pub lagged_roll_rad: f32,
+    /// Elapsed fraction of the flight, less 1/2.
+    pub centred_flight_fraction: f32,
 }
 
 impl AttitudeState {
-    /// State in a turn so long that the lagged roll equals the roll.
+    /// State in the middle of the flight, in a turn so long that the lagged roll equals the roll.
     pub const fn steady_turn(attitude: RollPitch, rates: AngleRates) -> Self {
-        Self { attitude, rates, lagged_roll_rad: attitude.roll_rad }
+        Self { attitude, rates, lagged_roll_rad: attitude.roll_rad, centred_flight_fraction: 0.0 }
     }
 }
 
@@ -68,9 +70,46 @@ pub(in crate::calibration) struct AttitudeErrorFinding {
     pub excess_square: f32,
 }
 
+/// Finds an error of which none is assumed by its score, if it has more than `min_sigmas`.
+pub(super) fn find_significant_error(
+    test: &AttitudeErrorTestInput<'_>,
+    min_sigmas: f32,
+) -> Option<AttitudeErrorFinding> {
+    let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
+    let estimate = score.gradient.x / score.information.x;
+    let sigma = sqrt(test.residuals.autocorrelation_inflation() / score.information.x);
+    significant_finding(estimate, sigma, min_sigmas)
+}
+
+fn significant_finding(estimate: f32, sigma: f32, min_sigmas: f32) -> Option<AttitudeErrorFinding> {
+    (estimate.abs() > min_sigmas * sigma).then_some(AttitudeErrorFinding {
+        estimate,
+        significance_sigmas: estimate.abs() / sigma,
+        excess_square: estimate * estimate,
+    })
+}
+
 impl AttitudeErrorFinding {
     /// The assumed standard deviation with the allowance added in quadrature.
     pub fn allowed_sigma(&self, assumed_sigma: f32) -> f32 {
         sqrt(assumed_sigma * assumed_sigma + self.excess_square)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_significant_error_is_found() {
+        for estimate in [0.05, -0.05] {
+            let found = significant_finding(estimate, 0.01, 2.5).unwrap();
+            assert!((found.significance_sigmas - 5.0).abs() < 1e-4 && found.estimate.to_bits() == estimate.to_bits());
+            assert!((found.excess_square - 0.05 * 0.05).abs() < 1e-8);
+            assert!(significant_finding(0.3 * estimate, 0.01, 2.5).is_none());
+        }
+        assert!(
+            significant_finding(f32::NAN, 0.01, 2.5).is_none() && significant_finding(0.1, f32::NAN, 2.5).is_none()
+        );
     }
 }

@@ -9,7 +9,7 @@ use nalgebra::Vector1;
 
 use super::attitude_error::{AttitudeError, AttitudeState};
 use super::score_test::ScoreTest;
-use super::{attitude_latency, bank_scale, lagging_bank_scale};
+use super::{attitude_drift, attitude_latency, bank_scale, lagging_bank_scale, pitch_sign};
 use crate::calibration::model::SampleEquations;
 use crate::calibration::types::consider_states::ConsiderSigmas;
 use crate::calibration::types::quality::AttitudeLatency;
@@ -29,6 +29,9 @@ pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     bank_scale::BANK_SCALE_ERROR,
     attitude_latency::LATENCY_ERROR,
     lagging_bank_scale::LAGGING_BANK_SCALE_ERROR,
+    attitude_drift::ROLL_DRIFT,
+    attitude_drift::PITCH_DRIFT,
+    pitch_sign::PITCH_SIGN_ERROR,
 ];
 
 /// Number of attitude errors.

@@ -8,15 +8,14 @@
 //! An error of 12 % with 10 s has 4 to 8 sigmas in simulated calibrations, 60 flights without an error have at most 3;
 //! time constants of 5 and 20 s are found with the same model.
 
-use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTestInput};
+use super::attitude_error::{AttitudeError, find_significant_error};
 use crate::time::WrappingMillis;
-use crate::trig::sqrt;
 
 /// Lagging bank-angle scale error in the table of attitude errors.
 pub(super) const LAGGING_BANK_SCALE_ERROR: AttitudeError = AttitudeError {
     attitude_derivative: |state| [state.lagged_roll_rad, 0.0],
     assumed_sigma: |_| 0.0,
-    significance_test: Some(find_lagging_error),
+    significance_test: Some(|test| find_significant_error(test, MIN_SIGNIFICANCE_SIGMAS)),
 };
 
 /// Time constant of filters aided by accelerometers, seconds.
@@ -27,21 +26,6 @@ const MIN_SIGNIFICANCE_SIGMAS: f32 = 2.5;
 
 /// Minimum significance of a reported error, sigmas.
 pub(in crate::calibration) const MIN_REPORTED_SIGMAS: f32 = 3.0;
-
-/// Share of the bank that the source loses in a long turn, if significant.
-fn find_lagging_error(test: &AttitudeErrorTestInput<'_>) -> Option<AttitudeErrorFinding> {
-    let score = test.score_sums.eliminate_coefficients(test.linear_system, &test.linear_system.step_to_maximum()?)?;
-    let estimate = score.gradient.x / score.information.x;
-    significant_finding(estimate, sqrt(test.residuals.autocorrelation_inflation() / score.information.x))
-}
-
-fn significant_finding(estimate: f32, sigma: f32) -> Option<AttitudeErrorFinding> {
-    (estimate.abs() > MIN_SIGNIFICANCE_SIGMAS * sigma).then_some(AttitudeErrorFinding {
-        estimate,
-        significance_sigmas: estimate.abs() / sigma,
-        excess_square: estimate * estimate,
-    })
-}
 
 /// Reported roll after a low-pass filter with the time constant of the error.
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,17 +49,6 @@ impl LaggedRoll {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn only_a_significant_lagging_error_is_found() {
-        for estimate in [0.05, -0.05] {
-            let found = significant_finding(estimate, 0.01).unwrap();
-            assert!((found.significance_sigmas - 5.0).abs() < 1e-4 && found.estimate.to_bits() == estimate.to_bits());
-            assert!((found.excess_square - 0.05 * 0.05).abs() < 1e-8);
-            assert!(significant_finding(0.3 * estimate, 0.01).is_none());
-        }
-        assert!(significant_finding(f32::NAN, 0.01).is_none() && significant_finding(0.1, f32::NAN).is_none());
-    }
 
     /// `1 - 1/e` of a constant bank after 10 s, on either side; to 3 % at samples 0.5 s apart.
     #[test]

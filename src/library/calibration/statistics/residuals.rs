@@ -1,6 +1,7 @@
 //! Statistics of the residuals of one pass over the samples.
 
 use super::autocorrelation::Autocorrelation;
+use super::discrepancy::Discrepancy;
 use super::heteroscedasticity::Heteroscedasticity;
 use super::white_noise_fraction::WhiteNoiseFraction;
 use crate::calibration::fit::information_matrix::InformationMatrix;
@@ -13,6 +14,7 @@ pub(in crate::calibration) struct ResidualStatistics {
     /// Lag-1 autocorrelation of the norm and inclination residuals.
     pub autocorrelation: Autocorrelation,
     pub heteroscedasticity: Heteroscedasticity,
+    pub discrepancy: Discrepancy,
     pub white_noise: WhiteNoiseFraction,
 }
 
@@ -22,6 +24,7 @@ impl ResidualStatistics {
             inclination_information: InformationMatrix::zero(),
             autocorrelation: Autocorrelation::default(),
             heteroscedasticity: Heteroscedasticity::default(),
+            discrepancy: Discrepancy::default(),
             white_noise: WhiteNoiseFraction::default(),
         }
     }

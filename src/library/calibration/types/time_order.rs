@@ -1,12 +1,35 @@
 //! Merges the samples of a flight's parts in time order.
 
 use super::samples::{CollectionPart, Sample, Samples};
+use crate::time::WrappingMillis;
 
 /// Number of parts of a collection.
 pub(in crate::calibration) const PART_COUNT: usize = CollectionPart::ALL_PARTS.len();
 
 /// Runs of samples in order of time: free flight has up to three.
 const MAX_ORDERED_RUNS: usize = PART_COUNT + 2;
+
+/// Time from the first to the last sample of a flight.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibration) struct TimeSpan {
+    pub start: WrappingMillis,
+    /// Positive.
+    pub duration_ms: u32,
+}
+
+impl TimeSpan {
+    /// `None` if all samples have the same time.
+    pub fn from_samples(samples: Samples<'_>) -> Option<Self> {
+        let (_, first) = TimeOrdered::new(samples).next()?;
+        let duration_ms = samples.iter().map(|sample| sample.time.ms_since(first.time)).max()?;
+        (duration_ms > 0).then_some(Self { start: first.time, duration_ms })
+    }
+
+    /// Elapsed fraction of the time.
+    pub fn elapsed_fraction(self, time: WrappingMillis) -> f32 {
+        time.ms_since(self.start) as f32 / self.duration_ms as f32
+    }
+}
 
 /// Iterator over samples in time order, each with the index of its part.
 #[derive(Clone, Debug)]
@@ -49,7 +72,6 @@ mod tests {
     use super::*;
     use crate::calibration::tests::synthetic::Parts;
     use crate::frames::{Field, RollPitch};
-    use crate::time::WrappingMillis;
 
     fn samples_at_ms(millis: &[u32]) -> Vec<Sample> {
         let sample = |&millis: &u32| Sample {

@@ -21,10 +21,10 @@ use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::quality::AttitudeLatency;
 use crate::calibration::types::rates::AngleRates;
 use crate::calibration::types::samples::Samples;
-use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
+use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered, TimeSpan};
 use crate::frames::RollPitch;
 
-/// Fisher information, with the statistics for the sandwich covariance and the sums of the score tests.
+/// Fisher information, with the statistics of the residuals and the sums of the score tests.
 #[derive(Clone, Debug)]
 pub(in crate::calibration) struct Information {
     pub linear_system: LinearisedProblem,
@@ -65,11 +65,13 @@ impl Information {
     ) {
         let parameters = ModelParameters::from_unknowns(unknowns);
         let mut lagged_roll = LaggedRoll::default();
+        let time_span = TimeSpan::from_samples(samples);
         for (part, sample) in TimeOrdered::new(samples) {
             let equations = likelihood.sample_equations(sample, None, &parameters);
             let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
             let lagged_roll_rad = lagged_roll.filter_roll(sample.time, attitude.roll_rad);
-            let state = AttitudeState { attitude, rates: sample.rates, lagged_roll_rad };
+            let centred_flight_fraction = time_span.map_or(0.0, |span| span.elapsed_fraction(sample.time) - 0.5);
+            let state = AttitudeState { attitude, rates: sample.rates, lagged_roll_rad, centred_flight_fraction };
             self.add_inclination_residual(&equations, &state);
             if likelihood.motor_current.current_sigma_a > 0.0 {
                 let share_a = likelihood.motor_current.current_deviation_a(sample);
@@ -95,6 +97,7 @@ impl Information {
             self.residuals.heteroscedasticity.add_residual(sample.attitude, inclination_residual);
             self.residuals.white_noise.add_residual(part, sample.time, equations.norm_equation.clipped_residual());
             if let Some(scan) = &mut scan {
+                self.residuals.discrepancy.add_sample(part, sample, &equations);
                 scan.add_sample(&self.linear_system, sample, &equations);
             }
         }

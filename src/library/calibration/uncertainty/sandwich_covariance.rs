@@ -26,8 +26,9 @@ const SHARE_OF_TURNS: f32 = 2.0 / 3.0;
 /// Sandwich covariance: with `H` the information, rho the lag-1 autocorrelation of each kind of residual, and
 /// `x = 2 rho / (1 - rho)`, `H^-1 (H + x_incl H_incl + x_norm H_norm) H^-1`, where
 /// `H_norm = H - H_incl - H_priors`. `1 + x_incl` is also multiplied by the heteroscedasticity ratio. Added are the
-/// consider states, a detected hard-iron change, the error of the motor-current interference, and the square of the
-/// remaining step to the maximum likelihood (zero after a refinement; the error of a closed form).
+/// model discrepancy, as an error of the hard iron on each axis, the consider states, a detected hard-iron change, the
+/// error of the motor-current interference, and the square of the remaining step to the maximum likelihood (zero after a
+/// refinement; the error of a closed form).
 ///
 /// An output parameter, because a returned value would exist several times on the stack.
 #[inline(never)]
@@ -68,6 +69,10 @@ pub(in crate::calibration) fn sandwich_covariance(
     for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |prior| {
         covariance.add_outer_product(&to_coefficients(&prior.jacobian_row), -norm_excess / (prior.sigma * prior.sigma));
     });
+    let field_variance = information.residuals.discrepancy.field_variance(&likelihood.noise);
+    for axis in 0..3 {
+        covariance.add_outer_product(&Vector12::ith(beta_index(axis), 1.0), field_variance);
+    }
     for (error, sigma) in information.attitude_error_sums.iter().zip(sigmas) {
         covariance.add_outer_product(&to_coefficients(&error.cross_information[0]), sigma * sigma);
     }

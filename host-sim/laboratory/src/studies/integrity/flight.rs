@@ -1,7 +1,6 @@
 //! One flight of a case: calibration, then a flight in which every output sentence is evaluated.
 
 use autoswing::attitude::AttitudeSource;
-use autoswing::calibration::Calibration;
 use autoswing_firmware::health::ResetCause;
 use autoswing_module::settings::HeadingKind;
 use log_analysis::score::wrap_180;
@@ -26,7 +25,8 @@ use super::statistics::{EvaluatedSentence, HeadingStatistics};
 pub struct AcceptedCalibration {
     /// Heading error estimated by the module, degrees RMS.
     pub expected_error_deg: f64,
-    /// True heading error at exact field and attitude, with the hard iron at the end of the calibration, degrees RMS.
+    /// True heading error without noise, with the hard iron at the end of the calibration, at the attitude that the
+    /// source reports on average, degrees RMS.
     pub true_error_deg: f64,
     /// Time from start to acceptance, seconds.
     pub duration_s: f64,
@@ -87,7 +87,7 @@ pub(super) fn fly_drawn_case(
     let faults = std::mem::take(&mut drawn_case.faults);
     let field_faults = faults.field_faults.clone();
     let mut rig = Rig::with_port_devices(drawn_case.world, faults, [drawn_case.far_end, FarEnd::Unconnected]);
-    let RandomCase { world, ref fault_switch, fault_onset: onset, .. } = drawn_case;
+    let RandomCase { world, ref fault_switch, fault_onset: onset, mean_attitude_error_rad, .. } = drawn_case;
     rig.world.set_armed(true);
     if onset == FaultOnset::Always {
         fault_switch.set_active(0, u64::MAX);
@@ -110,9 +110,16 @@ pub(super) fn fly_drawn_case(
     let calibration = calibrate(&mut rig, &drawn_case.routine.legs());
     let calibrated = calibration.map(|(shown_calibration, at_us)| AcceptedCalibration {
         expected_error_deg: shown_calibration.expected_rms_deg,
-        true_error_deg: true_error_rms_deg(&shown_calibration.calibration, &world, &|state| {
-            field_faults.iter().map(|fault| fault.steady_field_ut(&TrueState { time_us: at_us, ..*state })).sum()
-        }),
+        true_error_deg: HeadingErrors::evaluate_with_faults(
+            &shown_calibration.calibration,
+            &world,
+            &|state| {
+                field_faults.iter().map(|fault| fault.steady_field_ut(&TrueState { time_us: at_us, ..*state })).sum()
+            },
+            mean_attitude_error_rad,
+        )
+        .statistics()
+        .rms_deg,
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
     let mut output_statistics = HeadingStatistics::default();
@@ -226,15 +233,6 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
         }
         SolveNotice::Refused { code, .. } => Err(code),
     }
-}
-
-/// True heading error with cruise current and the present additional field.
-fn true_error_rms_deg(
-    calibration: &Calibration,
-    world: &WorldConfig,
-    added_field_ut: &dyn Fn(&TrueState) -> Vector3<f64>,
-) -> f64 {
-    HeadingErrors::evaluate_with_field(calibration, world, added_field_ut).statistics().rms_deg
 }
 
 /// Flight after the calibration: optional time on the ground, then legs; evaluates every output sentence. Returns the

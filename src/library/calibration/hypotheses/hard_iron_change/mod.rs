@@ -38,8 +38,7 @@ use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse};
 use crate::calibration::types::samples::{Sample, Samples};
-use crate::calibration::types::time_order::TimeOrdered;
-use crate::time::WrappingMillis;
+use crate::calibration::types::time_order::{TimeOrdered, TimeSpan};
 use crate::trig::{VectorLength as _, sqrt};
 
 /// Number of times at which a step is tested.
@@ -97,25 +96,12 @@ enum TestedTimeCourse {
     Hysteresis,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct TimeSpan {
-    start: WrappingMillis,
-    duration_ms: u32,
-}
-
 impl TimeSpan {
-    fn from_samples(samples: Samples<'_>) -> Option<Self> {
-        let (_, first) = TimeOrdered::new(samples).next()?;
-        let ms = samples.iter().map(|sample| sample.time.ms_since(first.time)).max()?;
-        Some(Self { start: first.time, duration_ms: ms })
-    }
-
     /// Fraction of the hard-iron change `beta` in effect at a sample.
     fn change_fraction_at(self, tested_time_course: TestedTimeCourse, sample: &Sample) -> f32 {
-        let ms = sample.time.ms_since(self.start);
         match tested_time_course {
-            TestedTimeCourse::Step(until_ms) => f32::from(u8::from(ms <= until_ms)),
-            TestedTimeCourse::Drift => 1.0 - ms as f32 / self.duration_ms as f32,
+            TestedTimeCourse::Step(until_ms) => f32::from(u8::from(sample.time.ms_since(self.start) <= until_ms)),
+            TestedTimeCourse::Drift => 1.0 - self.elapsed_fraction(sample.time),
             TestedTimeCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
             TestedTimeCourse::Hysteresis => 1.0,
         }
@@ -241,7 +227,7 @@ impl HardIronScan {
     pub fn new(samples: Samples<'_>, system: &LinearisedProblem, unknowns: &Vector13) -> Option<Self> {
         let parameters = ModelParameters::from_unknowns(unknowns);
         Some(Self {
-            time_span: TimeSpan::from_samples(samples).filter(|span| span.duration_ms > 0)?,
+            time_span: TimeSpan::from_samples(samples)?,
             hysteresis: Hysteresis::new(&parameters)?,
             last_turn: LastTurn::default(),
             w: parameters.w,

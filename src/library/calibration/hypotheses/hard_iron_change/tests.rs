@@ -10,6 +10,7 @@ use crate::calibration::tests::synthetic::{Airframe, Flight, Parts, Random, Reco
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{Calibration, LeastSquares, Method, Orientation, Prior, Sample};
 use crate::frames::{Field, RollPitch};
+use crate::time::WrappingMillis;
 
 /// Flight with a hard-iron change by `beta_ut` before a time, and unknowns near the maximum likelihood.
 struct Case {

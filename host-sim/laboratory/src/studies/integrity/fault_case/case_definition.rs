@@ -9,11 +9,11 @@ use simulator::devices::lsm6dsl::InertialFault;
 use simulator::faults::attitude::{
     AdditionalLatency, AttitudeFault, FilterAlignment, SecondSender, SourceRestart, SourceSilence, attitude_bias,
     attitude_quantisation, bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error,
-    stale_attitude,
+    reversed_pitch, stale_attitude,
 };
 use simulator::faults::field::{
-    FieldFault, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage, hard_iron_change, hard_iron_drift,
-    passing_object, throttle_interference,
+    AxisHysteresis, FieldFault, LaggingLinkage, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage,
+    hard_iron_change, hard_iron_drift, passing_object, throttle_interference,
 };
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
@@ -92,6 +92,8 @@ pub struct RandomCase {
     pub fault_switch: FaultSwitch,
     /// Time during which the fault is active.
     pub fault_onset: FaultOnset,
+    /// Mean error of roll and pitch during the calibration, radians; in use they cancel it.
+    pub mean_attitude_error_rad: [f64; 2],
     /// Whether the module is switched off and on after the calibration.
     pub is_restarted: bool,
     /// Time on the ground between the calibration and the flight after it, seconds.
@@ -182,6 +184,7 @@ impl FaultCase {
             faults: Faults::default(),
             fault_switch: FaultSwitch::initially_off(),
             fault_onset: FaultOnset::Never,
+            mean_attitude_error_rad: [0.0; 2],
             is_restarted: false,
             ground_time_s: 0.0,
             flight_after_calibration_s: FLIGHT_AFTER_CALIBRATION_S,
@@ -289,11 +292,13 @@ impl RandomCase {
         self.faults.link_faults.push(LinkFault::Forged(self.case_switch(), message));
     }
 
-    pub(super) fn bias_attitude(&mut self, degrees: f64) {
+    /// Adds an attitude bias in a random direction; returns its roll and pitch, radians.
+    pub(super) fn bias_attitude(&mut self, onset: FaultOnset, degrees: f64) -> [f64; 2] {
         let direction_rad = self.random_stream.uniform(0.0, TAU);
-        let bias_rad =
-            [libm::cos(direction_rad), libm::sin(direction_rad), 0.0].map(|component| degrees.to_radians() * component);
-        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, attitude_bias(self.case_switch(), bias_rad));
+        let [roll_rad, pitch_rad] =
+            [libm::cos(direction_rad), libm::sin(direction_rad)].map(|component| degrees.to_radians() * component);
+        self.add_attitude_fault(onset, attitude_bias(self.case_switch(), [roll_rad, pitch_rad, 0.0]));
+        [roll_rad, pitch_rad]
     }
 
     /// The autopilot's attitude filter aligns on the ground.
@@ -373,8 +378,17 @@ impl RandomCase {
     }
 
     pub(super) fn level_attitude_wrongly(&mut self, degrees: f64) {
-        self.bias_attitude(degrees);
-        self.fault_onset = FaultOnset::Always;
+        self.mean_attitude_error_rad = self.bias_attitude(FaultOnset::Always, degrees);
+    }
+
+    /// The level of the attitude source drifts by `degrees` during the calibration.
+    pub(super) fn drift_attitude_level(&mut self, degrees: f64) {
+        let onset = FaultOnset::during_calibration(self.world.aircraft.kind);
+        self.mean_attitude_error_rad = self.bias_attitude(onset, degrees).map(|bias_rad| bias_rad / 2.0);
+    }
+
+    pub(super) fn reverse_pitch(&mut self) {
+        self.add_attitude_fault(FaultOnset::Always, reversed_pitch(self.case_switch()));
     }
 
     pub(super) fn add_linkage(&mut self, in_turns_ut: f64) {
@@ -382,16 +396,27 @@ impl RandomCase {
         self.add_field_fault(FaultOnset::Always, elevator_linkage(full_ut));
     }
 
+    pub(super) fn add_lagging_linkage(&mut self, in_turns_ut: f64, time_constant_s: f64) {
+        let full_ut = self.random_field_ut(in_turns_ut);
+        self.add_field_fault(FaultOnset::Always, LaggingLinkage::new(full_ut, time_constant_s));
+    }
+
+    /// Adds soft iron of this susceptibility with a play of 10 to 15 uT along each body axis.
+    pub(super) fn add_axis_hysteresis(&mut self, susceptibility: f64) {
+        let WorldConfig { airframe, earth, .. } = self.world;
+        let play_ut = self.random_stream.uniform(10.0, 15.0);
+        self.add_field_fault(FaultOnset::Always, AxisHysteresis::new(&airframe, earth, susceptibility, play_ut));
+    }
+
     pub(super) fn add_hysteresis(&mut self, play_deg: f64) {
         let WorldConfig { airframe, earth, .. } = self.world;
         self.add_field_fault(FaultOnset::Always, SoftIronHysteresis::new(&airframe, earth, play_deg));
     }
 
-    /// Adds vibration near the sample rate, whose alias of 0.01 to 0.5 Hz no average removes: the lowest frequencies
-    /// are below the circling rate. `peak_ut`: amplitude, microtesla.
-    pub(super) fn add_vibration(&mut self, peak_ut: f64) {
+    /// Adds vibration near the sample rate, whose alias no average removes. `peak_ut`: amplitude, microtesla.
+    pub(super) fn add_vibration(&mut self, peak_ut: f64, [lowest_hz, highest_hz]: [f64; 2]) {
         let peak_counts = self.random_field_ut(peak_ut) * COUNTS_PER_UT;
-        let alias_hz = self.random_stream.uniform(0.01, 0.5);
+        let alias_hz = self.random_stream.uniform(lowest_hz, highest_hz);
         self.add_sensor_fault(FaultOnset::Always, aliased_vibration(self.case_switch(), peak_counts, alias_hz));
     }
 

@@ -229,8 +229,12 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_current_interference(5.0, true);
         flight.send_forged_messages(ForgedMessage::Current(300.0));
     }),
-    define_case("bias-2", "attitude bias of 2 deg", |flight| flight.bias_attitude(2.0)),
-    define_case("bias-5", "attitude bias of 5 deg", |flight| flight.bias_attitude(5.0)),
+    define_case("bias-2", "attitude bias of 2 deg", |flight| {
+        flight.bias_attitude(FaultOnset::SOON_AND_PERMANENT, 2.0);
+    }),
+    define_case("bias-5", "attitude bias of 5 deg", |flight| {
+        flight.bias_attitude(FaultOnset::SOON_AND_PERMANENT, 5.0);
+    }),
     mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::add_filter_alignment),
     define_case("lean-70", "attitude reads 70 % of the bank", |flight| {
         flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.7);
@@ -318,10 +322,34 @@ pub static ALL_CASES: &[FaultCase] = &[
         applies_to_vehicle: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
         ..define_case("cal-linkage-3", "elevator linkage: 3 uT in turns only, always", |flight| flight.add_linkage(3.0))
     },
+    FaultCase {
+        applies_to_vehicle: |kind| matches!(kind, VehicleKind::Plane | VehicleKind::Vtol),
+        ..define_case("cal-linkage-lag", "elevator linkage: 3 uT in turns, within 5 s, always", |flight| {
+            flight.add_lagging_linkage(3.0, 5.0);
+        })
+    },
     define_case("cal-hysteresis-15", "soft iron follows turns with a play of 15 deg, always", |flight| {
         flight.add_hysteresis(15.0);
     }),
-    define_case("cal-vibration-3", "aliased vibration of 3 uT, always", |flight| flight.add_vibration(3.0)),
+    define_case("cal-hysteresis-axes-7", "soft iron of 7 % with a play along each axis, always", |flight| {
+        flight.add_axis_hysteresis(0.07);
+    }),
+    define_case("cal-hysteresis-axes-15", "soft iron of 15 % with a play along each axis, always", |flight| {
+        flight.add_axis_hysteresis(0.15);
+    }),
+    define_case("cal-hysteresis-axes-30", "soft iron of 30 % with a play along each axis, always", |flight| {
+        flight.add_axis_hysteresis(0.30);
+    }),
+    define_case("cal-vibration-3", "aliased vibration of 3 uT, 0.01 to 0.5 Hz, always", |flight| {
+        flight.add_vibration(3.0, [0.01, 0.5]);
+    }),
+    define_case("cal-vibration-slow", "aliased vibration of 3 uT, 0.002 to 0.05 Hz, always", |flight| {
+        flight.add_vibration(3.0, [0.002, 0.05]);
+    }),
+    define_case("cal-level-ramp-3", "the level of the attitude drifts by 3 deg during the calibration", |flight| {
+        flight.drift_attitude_level(3.0);
+    }),
+    define_case("cal-pitch-reversed", "attitude with the wrong sign of pitch, always", RandomCase::reverse_pitch),
     hover_case("cal-yaw-only", "calibration by yaw turns in hover alone", RandomCase::calibrate_in_hover),
     hover_case("pushed", "acceleration-induced tilt error always doubled", |flight| {
         flight.fault_onset = FaultOnset::Always;

@@ -47,9 +47,7 @@ pub static SWEEP_FAMILIES: &[FaultCase] = &[
     }),
     define_case("sweep-attitude", "attitude bias that changes by 0.5 to 5 deg", |flight| {
         let size_deg = flight.random_stream.uniform(0.5, 5.0);
-        let onset = flight.fault_onset;
-        flight.bias_attitude(size_deg);
-        flight.fault_onset = onset;
+        flight.bias_attitude(flight.fault_onset, size_deg);
     }),
     mavlink_case("sweep-gyro", "gyro offset that changes by 0.1 to 2 deg/s", |flight| {
         let size_rad_s = flight.random_stream.uniform(0.1, 2.0).to_radians();
