@@ -8,7 +8,7 @@ use autoswing::calibration::Calibration;
 use autoswing::instrument::Correction;
 use autoswing::time::Timestamp;
 use autoswing_module::compass::IndicatorState;
-use autoswing_module::settings::{ProtocolKind, Settings};
+use autoswing_module::settings::Settings;
 
 /// Active calibration, if it is to be reported. It is large and rarely changes.
 pub(super) fn calibration_to_report(links: &TaskLinks, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
@@ -30,7 +30,7 @@ pub(super) fn with_snapshot<R>(
     let calibration = correction.and_then(|correction| correction.calibration.as_ref());
     let can_node = links.can_state().and_then(|state| state.node).map(NodeId::number);
     let indicator_state = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
-    let has_other_mavlink_line = links.lines_with_autopilot(ProtocolKind::Mavlink).any(|other| other != line);
+    let has_other_mavlink_line = links.has_other_mavlink_line(line);
     Some(use_snapshot(&Snapshot {
         now,
         estimate: &estimate,
