@@ -121,3 +121,39 @@ fn iron_that_moves_in_flight_does_not_carry_the_autopilot_away() {
         assert!(gaps_s.iter().all(|gap_s| *gap_s < 70.0), "{change_s} s: {gaps_s:.1?}");
     }
 }
+
+/// Largest yaw error of EKF3 and its own sigma in the end, degrees, after this time without a pose, with another source
+/// of yaw that is off by so much, if any. The gyro's offset changes by 0.01 deg/s, that of a MEMS gyro by a few degrees of
+/// temperature.
+fn fly_without_poses(seconds: u32, second_source_error_deg: Option<f64>) -> [f64; 2] {
+    const STEP_S: f64 = 0.1;
+    /// `EK3_YAW_M_NSE`.
+    const COMPASS_SIGMA_RAD: f64 = 0.5;
+    let mut filter = YawFilter::new();
+    for _ in 0..6_000 {
+        filter.predict(0.02);
+        filter.fuse(0.0, 0.05);
+    }
+    filter.offset_error_rad_s += 0.01_f64.to_radians();
+    let mut largest_deg = 0.0_f64;
+    for _ in 0..10 * seconds {
+        filter.predict(STEP_S);
+        if let Some(error_deg) = second_source_error_deg {
+            filter.fuse(error_deg.to_radians(), COMPASS_SIGMA_RAD);
+        }
+        largest_deg = largest_deg.max(filter.error_rad.to_degrees().abs());
+    }
+    [largest_deg, filter.yaw_variance.sqrt().to_degrees()]
+}
+
+/// EKF3 with `EK3_SRC1_YAW=6` has no other yaw by itself. A second source set, selected by a switch, has one.
+#[test]
+fn without_poses_the_autopilots_yaw_is_lost_in_minutes_and_kept_by_a_second_source() {
+    for (seconds, second_source_error_deg, error_bound_deg, sigmas_deg) in
+        [(120, None, 1.5, 5.0..6.0), (300, None, 3.5, 17.0..20.0), (600, Some(3.0), 4.0, 1.5..2.0)]
+    {
+        let [error_deg, sigma_deg] = fly_without_poses(seconds, second_source_error_deg);
+        assert!(error_deg < error_bound_deg, "{seconds} s: {error_deg} deg");
+        assert!(sigmas_deg.contains(&sigma_deg), "{seconds} s: sigma {sigma_deg} deg");
+    }
+}
