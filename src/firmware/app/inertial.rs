@@ -6,7 +6,7 @@ use crate::app::task_links::TaskLinks;
 use crate::inertial_sensor::{InertialReading, InertialSensor};
 use crate::log::info;
 use autoswing::calibration::Orientation;
-use autoswing::inertial::AttitudeFilter;
+use autoswing::inertial::{AttitudeFilter, InertialSensorErrors, SensorOffsets};
 use autoswing::time::Timestamp;
 
 /// Interval of the estimates for the instrument, microseconds: the rate of an autopilot's reports, 50 Hz.
@@ -17,12 +17,14 @@ const SPEED_VALIDITY_US: u64 = 2_000_000;
 
 /// Estimates the attitude from every measurement of the sensor for ever.
 pub async fn run_inertial_sensor(links: &TaskLinks, sensor: impl InertialSensor) -> ! {
-    let mount = Orientation::IDENTITY_ROTATION;
-    run_chip(sensor, AttitudeEstimator { links, filter: None, mount, estimated_at: Timestamp::START }).await
+    let (sensor_errors, mount) = (sensor.sensor_errors(), Orientation::IDENTITY_ROTATION);
+    run_chip(sensor, AttitudeEstimator { links, sensor_errors, filter: None, mount, estimated_at: Timestamp::START })
+        .await
 }
 
 struct AttitudeEstimator<'a> {
     links: &'a TaskLinks,
+    sensor_errors: InertialSensorErrors,
     filter: Option<AttitudeFilter>,
     /// Orientation of the sensor, which shares the board, and its setting, with the magnetometer.
     mount: Orientation,
@@ -30,17 +32,21 @@ struct AttitudeEstimator<'a> {
 }
 
 impl<S: InertialSensor> ChipEvents<S> for AttitudeEstimator<'_> {
-    fn on_start(&mut self, sensor: &S, (): ()) {
+    fn on_start(&mut self, _: &S, (): ()) {
         info!("gyro and accelerometer");
-        // The alignment of the stored calibration belongs to the offsets that were estimated with it.
-        let offsets = self.links.sensor_offsets.try_get();
-        self.filter.get_or_insert_with(|| AttitudeFilter::new(sensor.sensor_errors(), offsets.unwrap_or_default()));
     }
 
     /// A saturated measurement is a gap in the motion.
     fn on_measurement(&mut self, at: Timestamp, reading: InertialReading) {
         increment_counter(&self.links.event_counters.inertial_readings);
-        let Some(filter) = self.filter.as_mut().filter(|_| !reading.is_saturated) else { return };
+        if reading.is_saturated {
+            return;
+        }
+        let filter = self.filter.get_or_insert_with(|| {
+            // The alignment of the stored calibration belongs to the offsets that were estimated with it.
+            let offsets = self.links.sensor_offsets.try_get().unwrap_or(SensorOffsets::UNKNOWN);
+            AttitudeFilter::new(self.sensor_errors, offsets.at_temperature(reading.temperature_c))
+        });
         let sample = reading.sample.rotated(&self.mount.body_from_sensor());
         let speed = self.links.ground_speed.try_get();
         let speed_m_s =
@@ -49,7 +55,7 @@ impl<S: InertialSensor> ChipEvents<S> for AttitudeEstimator<'_> {
         if at.us_since(self.estimated_at) >= ESTIMATE_INTERVAL_US {
             self.estimated_at = at;
             self.mount = self.links.settings.try_get().map_or(self.mount, |settings| settings.mount);
-            self.links.sensor_offsets.sender().send(filter.sensor_offsets());
+            self.links.sensor_offsets.sender().send(filter.sensor_offsets(reading.temperature_c));
             if let Some(attitude) = filter.attitude() {
                 let value = AttitudeInput::Own(attitude);
                 self.links.queue_or_count(&self.links.attitude_inputs, Timestamped { timestamp: at, value });

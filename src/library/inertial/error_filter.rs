@@ -11,7 +11,7 @@
 //!
 //! The last term, with a known velocity `v`: the navigation frame turns with the gyro's error about the vertical.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector3};
 
 use crate::trig::sqrt;
 
@@ -24,7 +24,7 @@ const VELOCITY: usize = 5;
 const ACCELEROMETER_OFFSET: usize = 8;
 const GYRO_SCALE: usize = 11;
 
-type ErrorVector = SVector<f32, ERROR_COUNT>;
+type ErrorVector = [f32; ERROR_COUNT];
 
 /// Estimated errors, to be added to the estimates. The tilt has no component about the vertical.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,52 +75,62 @@ pub(super) struct StepIntegrals {
 #[derive(Clone, Debug)]
 pub(super) struct ErrorFilter {
     mean: ErrorVector,
-    covariance: SMatrix<f32, ERROR_COUNT, ERROR_COUNT>,
+    /// Symmetric to the last bit.
+    covariance: [ErrorVector; ERROR_COUNT],
 }
 
 impl ErrorFilter {
     pub fn new(variances: &ErrorVariances) -> Self {
-        let variances = ErrorVector::from_fn(|i, _| variances.by_index(i));
-        Self { mean: ErrorVector::zeros(), covariance: SMatrix::from_diagonal(&variances) }
+        let mut filter = Self { mean: [0.0; ERROR_COUNT], covariance: [[0.0; ERROR_COUNT]; ERROR_COUNT] };
+        filter.add_process_noise(variances);
+        filter
     }
 
     /// Time update by a step with these variances of process noise.
     pub fn propagate(&mut self, step: &StepIntegrals, process_noise: &ErrorVariances) {
         let force = step.force_m_s;
-        let tilt_to_velocity = SMatrix::<f32, 3, 2>::new(0.0, force.z, -force.z, 0.0, force.y, -force.x);
+        let velocity_by_tilt = [[0.0, force.z], [-force.z, 0.0], [force.y, -force.x]];
+        let row =
+            |matrix: &Matrix3<f32>, axis: usize, factor: f32| [0, 1, 2].map(|column| matrix[(axis, column)] * factor);
         // The velocity first: it grows with the tilt at the start of the step.
-        self.propagate_block::<3, 2>(VELOCITY, 0, &tilt_to_velocity);
-        self.propagate_block::<3, 3>(VELOCITY, ACCELEROMETER_OFFSET, &-step.rotation_s);
-        if let Some([north_m_s, east_m_s]) = step.known_velocity_m_s {
-            let turned = SMatrix::<f32, 2, 1>::new(-east_m_s, north_m_s) * step.rotation_s.fixed_rows::<1>(2);
-            self.propagate_block::<2, 3>(VELOCITY, GYRO_OFFSET, &turned);
+        for (axis, by_tilt) in velocity_by_tilt.iter().enumerate() {
+            self.add_states(VELOCITY + axis, 0, by_tilt);
+            self.add_states(VELOCITY + axis, ACCELEROMETER_OFFSET, &row(&step.rotation_s, axis, -1.0));
         }
-        self.propagate_block::<2, 3>(0, GYRO_OFFSET, &-step.rotation_s.fixed_rows::<2>(0));
-        self.propagate_block::<2, 3>(0, GYRO_SCALE, &-step.rotated_rates_rad.fixed_rows::<2>(0));
-        for i in 0..ERROR_COUNT {
-            self.covariance[(i, i)] += process_noise.by_index(i);
+        if let Some([north_m_s, east_m_s]) = step.known_velocity_m_s {
+            for (axis, factor) in [-east_m_s, north_m_s].into_iter().enumerate() {
+                self.add_states(VELOCITY + axis, GYRO_OFFSET, &row(&step.rotation_s, 2, factor));
+            }
+        }
+        for axis in 0..2 {
+            self.add_states(axis, GYRO_OFFSET, &row(&step.rotation_s, axis, -1.0));
+            self.add_states(axis, GYRO_SCALE, &row(&step.rotated_rates_rad, axis, -1.0));
+        }
+        self.add_process_noise(process_noise);
+    }
+
+    fn add_process_noise(&mut self, variances: &ErrorVariances) {
+        for (index, row) in self.covariance.iter_mut().enumerate() {
+            row[index] += variances.by_index(index);
         }
     }
 
-    /// `P <- (I + E) P (I + E)^T`, with `factor` as the block of `E` at rows `target` and columns `source`.
-    fn propagate_block<const T: usize, const S: usize>(
-        &mut self,
-        target: usize,
-        source: usize,
-        factor: &SMatrix<f32, T, S>,
-    ) {
-        let rows = factor * self.covariance.fixed_rows::<S>(source);
-        let mut target_rows = self.covariance.fixed_rows_mut::<T>(target);
-        target_rows += rows;
-        let columns = self.covariance.fixed_columns::<S>(source) * factor.transpose();
-        let mut target_columns = self.covariance.fixed_columns_mut::<T>(target);
-        target_columns += columns;
+    /// Adds other states to one, each times its factor: `x_target += sum_i factor_i x_(source + i)`.
+    fn add_states(&mut self, target: usize, source: usize, factors: &[f32]) {
+        let mut row = self.covariance[target];
+        for (source_row, factor) in self.covariance[source..].iter().zip(factors) {
+            add_scaled(&mut row, source_row, *factor);
+        }
+        // So far the covariances of the new value with the old ones.
+        row[target] += row[source..].iter().zip(factors).map(|(covariance, factor)| covariance * factor).sum::<f32>();
+        for (other, element) in self.covariance.iter_mut().zip(row) {
+            other[target] = element;
+        }
+        self.covariance[target] = row;
     }
 
     /// Measures the velocity: measured less estimated, and the variance of each axis.
     pub fn measure_velocity(&mut self, residual_m_s: &Vector3<f32>, variance: f32) {
-        // Rounding makes the time update asymmetric; grown over minutes, that makes variances negative.
-        self.covariance.fill_lower_triangle_with_upper_triangle();
         self.measure_states(VELOCITY, residual_m_s, variance);
     }
 
@@ -129,13 +139,25 @@ impl ErrorFilter {
         self.measure_states(GYRO_OFFSET, residual_rad_s, variance);
     }
 
+    /// Makes the tilt unknown to this variance of each axis, independently of the other errors.
+    pub fn reset_tilt(&mut self, variance: f32) {
+        (0..GYRO_OFFSET).for_each(|index| self.reset_state(index, variance));
+    }
+
+    /// Makes the gyro's offset unknown to these variances, independently of the other errors.
+    pub fn reset_gyro_offset(&mut self, variances: [f32; 3]) {
+        (GYRO_OFFSET..).zip(variances).for_each(|(index, variance)| self.reset_state(index, variance));
+    }
+
     /// Makes the velocity unknown to this variance of each axis, independently of the other errors.
     pub fn reset_velocity(&mut self, variance: f32) {
-        self.covariance.fixed_rows_mut::<3>(VELOCITY).fill(0.0);
-        self.covariance.fixed_columns_mut::<3>(VELOCITY).fill(0.0);
-        for i in VELOCITY..ACCELEROMETER_OFFSET {
-            self.covariance[(i, i)] = variance;
-        }
+        (VELOCITY..ACCELEROMETER_OFFSET).for_each(|index| self.reset_state(index, variance));
+    }
+
+    fn reset_state(&mut self, index: usize, variance: f32) {
+        self.covariance.iter_mut().for_each(|row| row[index] = 0.0);
+        self.covariance[index] = [0.0; ERROR_COUNT];
+        self.covariance[index][index] = variance;
     }
 
     /// Measures three states, one after the other.
@@ -146,24 +168,25 @@ impl ErrorFilter {
     }
 
     fn measure_state(&mut self, index: usize, residual: f32, variance: f32) {
-        let column: ErrorVector = self.covariance.column(index).into_owned();
+        let column = self.covariance[index];
         let predicted_variance = column[index];
         let innovation_variance = predicted_variance + variance;
-        self.mean.axpy((residual - self.mean[index]) / innovation_variance, &column, 1.0);
+        let gain = (residual - self.mean[index]) / innovation_variance;
+        add_scaled(&mut self.mean, &column, gain);
         // Both factors of the product are the same, so that the covariance stays symmetric to the last bit.
-        let scaled = column / sqrt(innovation_variance);
-        let columns = self.covariance.as_mut_slice().chunks_exact_mut(ERROR_COUNT);
-        for (column, factor) in columns.zip(scaled.as_slice()) {
-            add_scaled(column, &scaled, -factor);
+        let scale = 1.0 / sqrt(innovation_variance);
+        let scaled = column.map(|covariance| covariance * scale);
+        for (row, factor) in self.covariance.iter_mut().zip(scaled) {
+            add_scaled(row, &scaled, -factor);
         }
         // The difference cancels for an accurate measurement.
-        self.covariance[(index, index)] = predicted_variance * (variance / innovation_variance);
+        self.covariance[index][index] = predicted_variance * (variance / innovation_variance);
     }
 
     /// Returns the estimated errors, and sets them to zero.
     pub fn take_corrections(&mut self) -> Corrections {
-        let mean = core::mem::replace(&mut self.mean, ErrorVector::zeros());
-        let vector_at = |first| mean.fixed_rows::<3>(first).into_owned();
+        let mean = core::mem::replace(&mut self.mean, [0.0; ERROR_COUNT]);
+        let vector_at = |first: usize| Vector3::from_fn(|axis, _| mean[first + axis]);
         Corrections {
             tilt_rad: Vector3::new(mean[0], mean[1], 0.0),
             gyro_offset_rad_s: vector_at(GYRO_OFFSET),
@@ -175,24 +198,24 @@ impl ErrorFilter {
 
     /// Covariance of the tilt about the navigation frame's horizontal axes, rad^2.
     pub fn tilt_covariance(&self) -> Matrix2<f32> {
-        self.covariance.fixed_view::<2, 2>(0, 0).into_owned()
+        Matrix2::from_fn(|row, column| self.covariance[row][column])
     }
 
     /// Variance of a component of the velocity, (m/s)^2, mean of the three.
     pub fn velocity_variance(&self) -> f32 {
-        (VELOCITY..ACCELEROMETER_OFFSET).map(|i| self.covariance[(i, i)]).sum::<f32>() / 3.0
+        (VELOCITY..ACCELEROMETER_OFFSET).map(|i| self.covariance[i][i]).sum::<f32>() / 3.0
     }
 
     /// Variance of the gyro's offset, (rad/s)^2, by axis.
     pub fn gyro_offset_variance(&self) -> Vector3<f32> {
-        Vector3::from_fn(|axis, _| self.covariance[(GYRO_OFFSET + axis, GYRO_OFFSET + axis)])
+        Vector3::from_fn(|axis, _| self.covariance[GYRO_OFFSET + axis][GYRO_OFFSET + axis])
     }
 }
 
-/// `column += factor * added`.
+/// `row += factor * added`.
 #[inline]
-fn add_scaled(column: &mut [f32], added: &ErrorVector, factor: f32) {
-    for (element, added) in column.iter_mut().zip(added.as_slice()) {
+fn add_scaled(row: &mut ErrorVector, added: &ErrorVector, factor: f32) {
+    for (element, added) in row.iter_mut().zip(added) {
         *element += factor * added;
     }
 }

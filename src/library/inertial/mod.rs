@@ -22,7 +22,7 @@ mod velocity_noise;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::time::Timestamp;
-use crate::trig::{DEG, hypot, square};
+use crate::trig::{DEG, hypot, sqrt, square};
 pub use attitude_estimate::InertialAttitude;
 use error_filter::{ErrorFilter, ErrorVariances, StepIntegrals};
 use quaternion::{levelling_rotation, rotated_in_body, rotated_in_navigation};
@@ -120,6 +120,20 @@ impl StepSums {
     }
 }
 
+/// Error filter at the start, for a sensor with these errors and the offsets of an earlier estimate.
+fn new_error_filter(sensor_errors: &InertialSensorErrors, offsets: &SensorOffsets) -> ErrorFilter {
+    let (gyro_offset_variances, accelerometer_offset) = offsets.variances(sensor_errors);
+    let mut error_filter = ErrorFilter::new(&ErrorVariances {
+        tilt: square(START_TILT_SIGMA_RAD),
+        gyro_offset: 0.0,
+        velocity: square(START_VELOCITY_SIGMA_M_S),
+        accelerometer_offset,
+        gyro_scale: square(sensor_errors.gyro_scale),
+    });
+    error_filter.reset_gyro_offset(gyro_offset_variances);
+    error_filter
+}
+
 /// Measurements of a step, one after the other.
 #[derive(Clone, Copy, Debug)]
 enum Measurement {
@@ -157,15 +171,6 @@ impl AttitudeFilter {
     /// A filter for a sensor with these errors, and the offsets of an earlier estimate.
     #[must_use]
     pub fn new(sensor_errors: InertialSensorErrors, offsets: SensorOffsets) -> Self {
-        let has_estimate = offsets != SensorOffsets::UNKNOWN;
-        let sensor_errors = if has_estimate { sensor_errors.with_known_offsets() } else { sensor_errors };
-        let variances = ErrorVariances {
-            tilt: square(START_TILT_SIGMA_RAD),
-            gyro_offset: square(sensor_errors.gyro_offset_rad_s),
-            velocity: square(START_VELOCITY_SIGMA_M_S),
-            accelerometer_offset: square(sensor_errors.accelerometer_offset_m_s2),
-            gyro_scale: square(sensor_errors.gyro_scale),
-        };
         Self {
             sensor_errors,
             start_count: 0,
@@ -178,7 +183,7 @@ impl AttitudeFilter {
             measured_rates_rad_s: Vector3::zeros(),
             gyro_scale: Vector3::zeros(),
             accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
-            error_filter: ErrorFilter::new(&variances),
+            error_filter: new_error_filter(&sensor_errors, &offsets),
             velocity_noise: VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S)),
             has_settled: false,
             rest_detector: RestDetector::INITIAL,
@@ -205,15 +210,19 @@ impl AttitudeFilter {
         }
     }
 
-    /// Starts with the tilt of a specific force.
+    /// Starts with the tilt of a specific force. The estimated errors of the sensor remain.
     fn start_at(&mut self, at: Timestamp, sample: &InertialSample) {
-        let started = Self::new(self.sensor_errors, self.sensor_offsets());
-        *self = Self {
-            start_count: self.start_count.wrapping_add(1),
-            sensor_errors: self.sensor_errors,
-            rest_offset_rad_s: self.rest_offset_rad_s,
-            ..started
-        };
+        self.start_count = self.start_count.wrapping_add(1);
+        self.attitude = None;
+        self.velocity_m_s = Vector3::zeros();
+        self.is_speed_known = false;
+        self.error_filter.reset_tilt(square(START_TILT_SIGMA_RAD));
+        self.error_filter.reset_velocity(square(START_VELOCITY_SIGMA_M_S));
+        self.velocity_noise = VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S));
+        self.has_settled = false;
+        self.rest_detector = RestDetector::INITIAL;
+        self.step = StepSums::new();
+        self.due_measurement = None;
         if sample.specific_force_m_s2.norm_squared() >= square(MIN_START_FORCE_M_S2) {
             self.attitude = Some((at, levelling_rotation(&sample.specific_force_m_s2)));
         }
@@ -291,7 +300,8 @@ impl AttitudeFilter {
         }
         let deviation_m_s = self.velocity_m_s - reference_m_s;
         if deviation_m_s.norm_squared() > square(MAX_VELOCITY_DEVIATION_M_S) {
-            // The next sample starts the filter again.
+            // The next sample starts the filter again; a wrong vertical gave wrong errors of the sensor.
+            self.error_filter = new_error_filter(&self.sensor_errors, &SensorOffsets::UNKNOWN);
             self.attitude = None;
             return;
         }
@@ -338,12 +348,14 @@ impl AttitudeFilter {
         ))
     }
 
-    /// Estimated offsets of the sensor.
+    /// Estimated offsets of the sensor, at its present temperature.
     #[must_use]
-    pub fn sensor_offsets(&self) -> SensorOffsets {
+    pub fn sensor_offsets(&self, temperature_c: f32) -> SensorOffsets {
         SensorOffsets {
             gyro_rad_s: self.gyro_offset_rad_s.into(),
+            gyro_sigma_rad_s: self.error_filter.gyro_offset_variance().map(|variance| sqrt(variance.max(0.0))).into(),
             accelerometer_m_s2: self.accelerometer_offset_m_s2.into(),
+            temperature_c,
         }
     }
 

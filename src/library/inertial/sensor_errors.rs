@@ -1,7 +1,7 @@
 //! Errors of an inertial sensor that the attitude filter expects.
 
 use super::sample::GRAVITY_M_S2;
-use crate::trig::DEG;
+use crate::trig::{DEG, hypot, square};
 
 /// Errors of gyro and accelerometer before any estimate, 1 sigma of each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,30 +20,53 @@ impl InertialSensorErrors {
     /// A calibrated sensor: offsets of 1 deg/s and 3 mg, scale to 1 %, axes to 0.2 %.
     pub const CALIBRATED: Self =
         Self { gyro_offset_rad_s: DEG, gyro_scale: 0.01, gyro_cross_axis: 0.002, accelerometer_offset_m_s2: 0.03 };
-
-    /// The same sensor whose offsets were estimated earlier: 30 K change those of the gyro by 0.5 deg/s (table 3 of the
-    /// LSM6DSL's data sheet), and those of the accelerometer by 3 mg; soldering and age by more, 10 mg.
-    pub(super) const fn with_known_offsets(self) -> Self {
-        Self { gyro_offset_rad_s: 0.5 * DEG, accelerometer_offset_m_s2: 0.01 * GRAVITY_M_S2, ..self }
-    }
 }
 
+/// Change of a gyro's offset with temperature, rad/s/K (table 3 of the LSM6DSL's data sheet).
+const GYRO_OFFSET_PER_K: f32 = 0.015 * DEG;
+
+/// Error of an accelerometer's offset that was estimated earlier, m/s^2: 10 mg by soldering and age; 30 K change it by 3 mg.
+const KNOWN_ACCELEROMETER_OFFSET_M_S2: f32 = 0.01 * GRAVITY_M_S2;
+
 /// Estimated offsets of an inertial sensor, in its axes turned to the body's by its mounting.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorOffsets {
     /// Offset of the gyro, rad/s.
     pub gyro_rad_s: [f32; 3],
+    /// Standard deviations of the gyro's offset, rad/s.
+    pub gyro_sigma_rad_s: [f32; 3],
     /// Offset of the accelerometer, m/s^2.
     pub accelerometer_m_s2: [f32; 3],
+    /// Temperature of the estimate, degrees Celsius.
+    pub temperature_c: f32,
 }
 
 impl SensorOffsets {
     /// No estimate.
-    pub const UNKNOWN: Self = Self { gyro_rad_s: [0.0; 3], accelerometer_m_s2: [0.0; 3] };
+    pub const UNKNOWN: Self =
+        Self { gyro_rad_s: [0.0; 3], gyro_sigma_rad_s: [1.0; 3], accelerometer_m_s2: [0.0; 3], temperature_c: 0.0 };
 
-    /// Whether all offsets are finite.
+    /// Whether all numbers are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.gyro_rad_s.iter().chain(&self.accelerometer_m_s2).all(|offset| offset.is_finite())
+        let vectors = [self.gyro_rad_s, self.gyro_sigma_rad_s, self.accelerometer_m_s2];
+        vectors.as_flattened().iter().chain([&self.temperature_c]).all(|number| number.is_finite())
+    }
+
+    /// The offsets of an earlier estimate at this temperature.
+    #[must_use]
+    pub fn at_temperature(self, temperature_c: f32) -> Self {
+        let change_rad_s = GYRO_OFFSET_PER_K * (temperature_c - self.temperature_c);
+        Self { gyro_sigma_rad_s: self.gyro_sigma_rad_s.map(|sigma_rad_s| hypot(sigma_rad_s, change_rad_s)), ..self }
+    }
+
+    /// Variances of the gyro's offset, (rad/s)^2, and of the accelerometer's, (m/s^2)^2, before a new estimate.
+    pub(super) fn variances(&self, errors: &InertialSensorErrors) -> ([f32; 3], f32) {
+        let is_known = *self != Self::UNKNOWN;
+        let accelerometer_m_s2 = errors.accelerometer_offset_m_s2;
+        (
+            self.gyro_sigma_rad_s.map(|sigma_rad_s| square(sigma_rad_s.min(errors.gyro_offset_rad_s))),
+            square(if is_known { accelerometer_m_s2.min(KNOWN_ACCELEROMETER_OFFSET_M_S2) } else { accelerometer_m_s2 }),
+        )
     }
 }

@@ -193,7 +193,7 @@ fn rest_measures_the_offset_and_a_steady_turn_does_not() {
     let mut run = Run::new(rest_then_turn, 3);
     for (duration_s, is_still) in [(10, true), (20, false)] {
         run.run_for_s(duration_s);
-        let error = Vector3::from(run.filter.sensor_offsets().gyro_rad_s) - run.sensor.gyro_offset_rad_s;
+        let error = Vector3::from(run.filter.sensor_offsets(25.0).gyro_rad_s) - run.sensor.gyro_offset_rad_s;
         assert!(error.norm() < 0.05 * DEG, "still {is_still}: {}", error.norm() / DEG);
     }
 }
@@ -205,13 +205,42 @@ fn a_moving_vehicle_is_not_at_rest() {
     let mut run = Run::new(circling, 3);
     run.speed_m_s = Some(20.0);
     run.run_for_s(5);
-    let estimate_rad_s = run.filter.sensor_offsets().gyro_rad_s[2];
+    let estimate_rad_s = run.filter.sensor_offsets(25.0).gyro_rad_s[2];
     assert!(estimate_rad_s.abs() < 0.1 * run.sensor.gyro_offset_rad_s.z.abs(), "{estimate_rad_s}");
     for _ in 0..60 {
         run.run_for_s(1);
         let (error_deg, sigma_deg) = (run.tilt_error_deg(), run.tilt_sigma_deg());
         assert!(error_deg < 4.0 * sigma_deg, "{error_deg} {sigma_deg}");
     }
+}
+
+/// A restart in a seaway: with the offsets that were estimated before, the gyro holds the attitude over the waves. Another temperature
+/// makes them as uncertain as it may change them.
+#[test]
+fn a_restart_uses_the_offsets_estimated_before() {
+    let mean_square_deg = |use_offsets: fn(SensorOffsets) -> SensorOffsets| {
+        let mut mean_square_deg = 0.0;
+        for seed in 0..20 {
+            let mut run = Run::new(seaway, seed);
+            run.run_for_s(60);
+            let offsets = use_offsets(run.filter.sensor_offsets(25.0));
+            run.filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED, offsets);
+            for _ in 0..20 {
+                run.run_for_s(1);
+                mean_square_deg += run.tilt_error_deg().powi(2) / 400.0;
+            }
+        }
+        mean_square_deg
+    };
+    let [known, unknown] = [mean_square_deg(|offsets| offsets), mean_square_deg(|_| SensorOffsets::UNKNOWN)];
+    assert!(known < 0.5 * unknown, "{known} {unknown}");
+    let sigma_deg_s = |temperature_c| {
+        SensorOffsets { gyro_sigma_rad_s: [0.0; 3], ..SensorOffsets::UNKNOWN }
+            .at_temperature(temperature_c)
+            .gyro_sigma_rad_s[0]
+            / DEG
+    };
+    assert!(sigma_deg_s(0.0) < 0.01 && (0.4..0.5).contains(&sigma_deg_s(-30.0)), "{}", sigma_deg_s(-30.0));
 }
 
 /// A sample that is not finite changes nothing; a gap, and free fall at the start, leave no attitude.

@@ -121,6 +121,8 @@ impl StoredFields for CalibrationRecord {
         if HAS_OWN_ATTITUDE {
             visitor.visit_optional(26, &mut sensor_offsets.gyro_rad_s);
             visitor.visit_optional(27, &mut sensor_offsets.accelerometer_m_s2);
+            visitor.visit_optional(28, &mut sensor_offsets.gyro_sigma_rad_s);
+            visitor.visit_optional(29, &mut sensor_offsets.temperature_c);
         }
     }
 

@@ -40,7 +40,12 @@ fn full_calibration_record() -> CalibrationRecord {
         current_sigma_a: 4.0,
     };
     record.sensor.model = MagnetometerModel::Lsm303dlhc;
-    record.sensor_offsets = SensorOffsets { gyro_rad_s: [1.0, 2.0, 3.0], accelerometer_m_s2: [4.0, 5.0, 6.0] };
+    record.sensor_offsets = SensorOffsets {
+        gyro_rad_s: [1.0, 2.0, 3.0],
+        gyro_sigma_rad_s: [0.5, 0.25, 2.0],
+        accelerometer_m_s2: [4.0, 5.0, 6.0],
+        temperature_c: 10.0,
+    };
     record
 }
 
@@ -73,7 +78,7 @@ const STATE: &str = "
     c8 1a00 0000 000000000000000000000000000000000000000000000000
     70470cf3 ffffff";
 const CALIBRATION_BEGIN: &str = "
-    01 d801
+    01 ee01
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
     02 0c00 0000e040 00000040 00004040  03 0400 0000803f  04 0400 00004042  05 0400 0ad723bd
     06 0c00 0000003f 000080be 0000003e  07 0400 0ad7233c  08 0400 00004041  09 0400 00008040
@@ -83,7 +88,8 @@ const CALIBRATION_BEGIN: &str = "
 const CALIBRATION_END: &str = "
     13 0400 6f12033b  14 0400 00000000  15 0100 01  16 0100 1e  17 0100 00  18 0100 07
     19 0100 01  1a 0c00 0000803f 00000040 00004040  1b 0c00 00008040 0000a040 0000c040
-    a2dfd527 ff";
+    1c 0c00 0000003f 0000803e 00000040  1d 0400 00002041
+    604cb6e7 ffffff";
 
 /// Bytes of a calibration. The 240 bytes of the reduced covariance, between beginning and end, are zero.
 fn pinned_calibration_bytes() -> Vec<u8> {
