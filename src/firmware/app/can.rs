@@ -145,7 +145,10 @@ pub async fn run_can<B: UpdateHandOver>(
 #[inline(never)]
 fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
-    links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
+    // Without an autopilot in the tunnel the bus is no line of MAVLink.
+    let has_autopilot = node.mavlink().is_armed(now).is_some();
+    let protocol = if has_autopilot { ProtocolKind::Mavlink } else { ProtocolKind::Auto };
+    links.update_line_state(AutopilotLine::Can, protocol, node.is_armed(now));
     links.set_can_state(node.can_state(now));
     if let Some(action) = links.take_autopilot_action(AutopilotLine::Can) {
         node.mavlink().begin_autopilot_action(action);

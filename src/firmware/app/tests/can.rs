@@ -103,6 +103,9 @@ fn a_changed_signing_key_applies_to_the_tunnel() {
         bus.queue_message(DataType::TARGETTED, &piece.payload());
         publish_estimates(&mut bench, 50);
         assert_eq!(bench.links.is_armed(), Some(is_accepted));
+        // An autopilot that reports its state on the bus alone has no parameters there.
+        let lines: Vec<_> = bench.links.lines_with_autopilot(ProtocolKind::Mavlink).collect();
+        assert_eq!(lines, if is_accepted { vec![AutopilotLine::Can] } else { vec![] });
     }
 }
 
