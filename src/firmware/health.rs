@@ -154,6 +154,8 @@ counters! {
     sensor_stuck,
     /// Readings too far from the previous one.
     sensor_spikes,
+    /// Reported motor currents that the field strength contradicts.
+    current_contradictions,
     /// Sensor errors that led to a new initialisation.
     sensor_errors,
     /// Unexpected changes of the sensor's configuration.
@@ -205,6 +207,7 @@ impl EventCounters {
             (&self.sensor_clipped, counts.clipped_readings),
             (&self.sensor_stuck, counts.stuck_readings),
             (&self.sensor_spikes, counts.spike_readings),
+            (&self.current_contradictions, counts.contradicted_currents),
             (&self.attitude_frozen, counts.rejected_reports.frozen_reports),
             (&self.attitude_spikes, counts.rejected_reports.spike_reports),
             (&self.attitude_rate_contradictions, counts.rejected_reports.rate_contradictions),

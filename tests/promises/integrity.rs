@@ -227,10 +227,11 @@ fn a_second_vehicle_does_not_replace_an_autopilot_that_pauses() {
     }
 }
 
-/// A forged current is ignored at once; at most five of 175 s may be without heading.
+/// A forged current is ignored at once, one that the aircraft could draw as soon as the field contradicts it; at most
+/// five of 175 s may be without heading.
 #[test]
 fn forged_messages_do_not_silence_the_heading() {
-    for row in run_cases(&["no-autopilot", "disarm-forged", "current-forged"]) {
+    for row in run_cases(&["no-autopilot", "disarm-forged", "current-forged", "current-forged-60"]) {
         assert!(row.bad_percent <= 0.0 && row.empty_percent <= 100.0 * 5.0 / 175.0, "{row:?}");
     }
 }

@@ -64,6 +64,8 @@ pub struct RejectionCounts {
     pub stuck_readings: u32,
     /// Readings too far from the previous one.
     pub spike_readings: u32,
+    /// Motor currents that the field strength contradicts.
+    pub contradicted_currents: u32,
     /// Rejected attitude reports.
     pub rejected_reports: RejectedReports,
 }
@@ -76,6 +78,7 @@ impl RejectionCounts {
         clipped_readings: 0,
         stuck_readings: 0,
         spike_readings: 0,
+        contradicted_currents: 0,
         rejected_reports: RejectedReports::NO_REJECTIONS,
     };
 }

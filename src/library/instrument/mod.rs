@@ -206,6 +206,20 @@ impl Instrument {
         }
     }
 
+    /// Drops the reported motor current if the field strength contradicts it, and fits the mean current: a broken or forged
+    /// report.
+    fn drop_contradicted_current(&mut self, at: Timestamp, field: Field<Sensor>) {
+        let Some(reported_a) = self.current_a(at) else { return };
+        let fits_strength = |current_a: Option<f32>| {
+            let field = self.active_calibration.remove_motor_current(field, current_a);
+            self.active_calibration.calibrated_field(field).is_some_and(|body| self.has_calibrated_strength(body))
+        };
+        if !fits_strength(Some(reported_a)) && fits_strength(None) {
+            self.motor_current = None;
+            self.rejection_counts.contradicted_currents = self.rejection_counts.contradicted_currents.wrapping_add(1);
+        }
+    }
+
     fn current_a(&self, at: Timestamp) -> Option<f32> {
         self.motor_current
             .filter(|&(reported_at, _)| at.us_since(reported_at) <= CURRENT_VALIDITY_US)
@@ -221,6 +235,7 @@ impl Instrument {
             // Earlier readings still time out while waiting for an attitude.
             self.pairing_queue.advance_time(at);
         } else {
+            self.drop_contradicted_current(at, reading.field);
             self.pairing_queue.push_field(at, reading.field);
             self.attitude_track.update_raw_field(reading.field);
         }

@@ -255,14 +255,16 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
     }
     writeln!(
         out,
-        "rejected readings: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates",
+        "rejected readings: {} saturated, {} clipped, {} stuck, {} spikes; attitude: {} frozen, {} spikes, {} rates; \
+         {} currents",
         counts.saturated,
         counts.sensor_clipped,
         counts.sensor_stuck,
         counts.sensor_spikes,
         counts.attitude_frozen,
         counts.attitude_spikes,
-        counts.attitude_rate_contradictions
+        counts.attitude_rate_contradictions,
+        counts.current_contradictions
     )?;
     writeln!(
         out,

@@ -74,6 +74,23 @@ fn a_reported_current_is_valid_for_three_seconds() {
     assert!((more_rad - 5.0 / (50.0 * 1_f32.cos())).abs() < 0.01, "{more_rad}");
 }
 
+/// 100 A, within five times the currents of the calibration, are 40 uT more than flow at 20 A. The heading is that of the
+/// mean current, with its sigma. Without a contradiction, or at another strength, too, the report is used.
+#[test]
+fn a_current_that_the_field_strength_contradicts_is_not_used() {
+    for (reported_a, flowing_a, used_a) in
+        [(100.0, 20.0, None), (25.0, 20.0, Some(25.0)), (100.0, 100.0, Some(100.0)), (100.0, 60.0, Some(100.0))]
+    {
+        let mut instrument = instrument_with_interference();
+        report_attitude(&mut instrument, 0, ATTITUDE);
+        instrument.on_current(us_after_start(0), reported_a);
+        let estimate = process_reading(&mut instrument, 0, field_with_current(flowing_a));
+        assert_eq!(estimate.current_a, used_a, "{reported_a} {flowing_a}");
+        assert_eq!(instrument.rejection_counts().contradicted_currents, u32::from(used_a.is_none()));
+        assert!(used_a.is_some() || estimate.heading.is_ok_and(|heading| (heading.magnetic_rad - 2.0).abs() < 1e-3));
+    }
+}
+
 #[test]
 fn samples_keep_their_current() {
     for sample_attitude in [SampleAttitude::Interpolated, SampleAttitude::Unknown] {

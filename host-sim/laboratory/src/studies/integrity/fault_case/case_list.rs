@@ -229,6 +229,10 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_current_interference(5.0, true);
         flight.send_forged_messages(ForgedMessage::Current(300.0));
     }),
+    mavlink_case("current-forged-60", "current reported, forged reports of 60 A among them", |flight| {
+        flight.add_current_interference(5.0, true);
+        flight.send_forged_messages(ForgedMessage::Current(60.0));
+    }),
     define_case("bias-2", "attitude bias of 2 deg", |flight| {
         flight.bias_attitude(FaultOnset::SOON_AND_PERMANENT, 2.0);
     }),
