@@ -10,6 +10,7 @@ mod autopilot_view;
 mod can;
 #[cfg(unix)]
 mod commands;
+mod consistency;
 mod console;
 mod fixtures;
 mod ground;

@@ -383,6 +383,12 @@ fn a_correction_with_other_headings_restarts_the_smoothed_heading() {
     }
 }
 
+/// Of a 64-bit computer; a module's are a few bytes smaller.
+#[test]
+fn the_monitor_fits_its_memory() {
+    assert!(size_of::<Monitor>() <= 2_450, "{}", size_of::<Monitor>());
+}
+
 /// Wrong rates also corrupt the monitor's states. A single report does not restart it.
 #[test]
 fn ten_reports_with_contradicting_rates_restart_the_monitor() {

@@ -50,6 +50,9 @@ pub struct HardIronEstimateError(pub f64);
 pub struct CaseFlightResult {
     /// Calibration, or the code of its rejection.
     pub calibration: Result<AcceptedCalibration, String>,
+    /// Heading error in sigmas [at these instants](NORMALISED_ERROR_INSTANTS_S) after the calibration; `None` without a
+    /// heading.
+    pub normalised_errors: [Option<f64>; NORMALISED_ERROR_INSTANTS_S.len()],
     /// Statistics of the headings output after the calibration.
     pub output_statistics: HeadingStatistics,
     /// Codes of the console's notes after the calibration.
@@ -57,6 +60,9 @@ pub struct CaseFlightResult {
     /// Error of the estimate of a hard-iron change after the calibration.
     pub hard_iron_error: Option<HardIronEstimateError>,
 }
+
+/// Instants of the normalised errors, seconds after the calibration.
+pub const NORMALISED_ERROR_INSTANTS_S: [f64; 3] = [10.0, 60.0, 170.0];
 
 const RUN_STEP_S: f64 = 0.5;
 
@@ -122,6 +128,7 @@ pub(super) fn fly_drawn_case(
         .rms_deg,
         duration_s: (at_us - began_us) as f64 / 1e6,
     });
+    let mut normalised_errors = [None; NORMALISED_ERROR_INSTANTS_S.len()];
     let mut output_statistics = HeadingStatistics::default();
     let mut notes = Vec::new();
     if calibrated.is_ok() {
@@ -140,7 +147,17 @@ pub(super) fn fly_drawn_case(
         } else {
             0
         };
+        let mut pending_instants_us =
+            NORMALISED_ERROR_INSTANTS_S.map(|after_s| add_seconds_us(rig.now_us(), after_s)).into_iter().enumerate();
+        let mut pending = pending_instants_us.next();
         notes = fly_after_calibration(&mut rig, &drawn_case, seed, &mut |at_us, evaluated_sentence| {
+            if let Some((i, _)) = pending.filter(|&(_, instant_us)| at_us >= instant_us) {
+                normalised_errors[i] = match evaluated_sentence {
+                    EvaluatedSentence::Heading { error_deg, sigma_deg, .. } => Some(error_deg / sigma_deg),
+                    EvaluatedSentence::Empty(_) => None,
+                };
+                pending = pending_instants_us.next();
+            }
             // A hard-iron change during calibration remains part of the airframe after the calibration.
             let is_fault_active = match onset {
                 FaultOnset::Never => false,
@@ -161,7 +178,13 @@ pub(super) fn fly_drawn_case(
         let added_field_ut = field_faults.iter().map(|fault| fault.added_field_ut(&now)).sum();
         hard_iron_estimate_error(&mut rig, &world, added_field_ut)
     });
-    CaseFlightResult { calibration: calibrated, output_statistics, note_codes: notes, hard_iron_error }
+    CaseFlightResult {
+        calibration: calibrated,
+        normalised_errors,
+        output_statistics,
+        note_codes: notes,
+        hard_iron_error,
+    }
 }
 
 fn select_heading(rig: &mut Rig, plan: &IntegrityPlan) {
