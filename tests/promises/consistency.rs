@@ -9,8 +9,6 @@ use laboratory::studies::integrity::flight::{
 use laboratory::studies::integrity::{AttitudeProtocol, IntegrityPlan, fault_case};
 use simulator::world::aircraft::VehicleKind;
 
-use crate::fixtures::share_of_flights;
-
 /// Flights without a fault, with gyros of real ones' errors.
 fn fly_clean(aircraft: VehicleKind, flight_count: u64) -> Vec<CaseFlightResult> {
     let plan = IntegrityPlan {
@@ -22,7 +20,7 @@ fn fly_clean(aircraft: VehicleKind, flight_count: u64) -> Vec<CaseFlightResult> 
         attitude: AttitudeSource::Autopilot,
     };
     let clean = fault_case::find_by_name("clean").unwrap();
-    (9000..9000 + share_of_flights(flight_count)).map(|seed| fly_case(clean, seed, &plan)).collect()
+    (9000..9000 + flight_count).map(|seed| fly_case(clean, seed, &plan)).collect()
 }
 
 /// Upper 99.9 % quantile of the mean of the squares of normal variables of variance 1 (E. B. Wilson and M. M. Hilferty,
@@ -43,9 +41,13 @@ fn assert_consistent(name: &str, normalised_errors: &[f64]) {
     assert!((SMALLEST_MEAN_SQUARE..largest).contains(&mean_square), "{name}: {mean_square} of {count}, {largest}");
 }
 
-/// Measured at 10, 60 and 170 s, and of the calibration: plane 0.73, 1.04, 1.23, 0.60; copter 0.73, 0.84, 1.07, 1.03.
+/// Only with optimisation, because fewer flights show too little. Measured at 10, 60 and 170 s, and of the calibration: plane
+/// 0.73, 1.04, 1.23, 0.60; copter 0.73, 0.84, 1.07, 1.03.
 #[test]
 fn errors_of_headings_and_calibrations_are_as_large_as_their_sigmas() {
+    if cfg!(debug_assertions) {
+        return;
+    }
     for (aircraft, flight_count) in [(VehicleKind::Plane, 200), (VehicleKind::Copter, 60)] {
         let flights = fly_clean(aircraft, flight_count);
         for (i, after_s) in NORMALISED_ERROR_INSTANTS_S.into_iter().enumerate() {

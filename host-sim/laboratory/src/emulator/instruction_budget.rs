@@ -39,20 +39,20 @@ const INSTRUCTION_LIMITS: [(&str, &str, u64); 13] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
     ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 45_000),
     ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
-    ("inertial", "gyro and accelerometer to attitude, with a step of its Kalman filter: 208 times a second", 16_000),
+    ("inertial", "gyro and accelerometer to attitude, with a step of its Kalman filter: 208 times a second", 11_500),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_200),
     ("mavlink", "a MAVLink 2 ATTITUDE frame, byte by byte", 3_000),
     ("mavlink-out", "a VISION_POSITION_ESTIMATE, the longest of the messages that are sent often", 4_500),
     ("msp", "the answer to MSP_ATTITUDE, byte by byte", 2_000),
     ("msp-out", "a reading of an autopilot's compass, MSP2_SENSOR_COMPASS", 1_500),
     ("can-over-msp", "a field by CAN (node's poll and frame), in excess of a reading by MSP (port's poll)", 1_500),
-    ("late", "the solve below with an attitude latency of 60 ms, estimated and used: solved twice", 27_000_000),
-    ("current", "the solve below with motor-current interference, estimated and used: solved three times", 54_000_000),
-    ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_000_000),
+    ("late", "the solve below with an attitude latency of 60 ms, estimated and used: solved twice", 27_500_000),
+    ("current", "the solve below with motor-current interference, estimated and used: solved three times", 54_500_000),
+    ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_250_000),
 ];
 
 const SAMPLE_INSTRUCTION_LIMIT: (&str, &str, u64) =
-    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_250);
+    ("sample", "I2C registers to the last byte of three sentences, calibrated, two ports, median", 12_600);
 
 /// Time limit of the solve, seconds, at a fifth of the board's speed.
 const SOLVE_TIMEOUT_S: u32 = 30;
