@@ -309,6 +309,7 @@ fn hard_iron_changed_entry(change: &DetectedHardIronChange, show: EntryWriter<'_
         HardIronTimeCourse::LoadFactor => {
             format_args!("remove the iron of the linkage, or move the module away from it, and fly again")
         }
+        HardIronTimeCourse::Hysteresis => format_args!("move the module away from steel and fly again"),
     };
     show("iron-changed", format_args!("{change}"), advice)
 }

@@ -139,6 +139,7 @@ fn rejections() -> Vec<ExpectedRefusal> {
             &["drifted by 6.0 uT in 230 s; wait until temperatures settle"],
         ),
         (iron_changed(HardIronTimeCourse::LoadFactor), "iron-changed", &["; remove the iron of the linkage"]),
+        (iron_changed(HardIronTimeCourse::Hysteresis), "iron-changed", &["; move the module away from steel"]),
     ];
     let same_as_solve_error = |(rejection, code, texts): &(Rejection, &'static str, &'static [&'static str])| {
         let Rejection::IronChanged(change) = rejection else { return None };

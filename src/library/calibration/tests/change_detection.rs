@@ -1,6 +1,6 @@
 //! Score tests for changed hard iron and bank-angle scale error, on faulty and on good flights.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{
     Airframe, Flight, Random, RecordedTurns, free_samples, level_circle, max_abs, mean, quantile, random_vector,
@@ -9,6 +9,7 @@ use crate::calibration::tests::{NO_PRIOR, solve_turns};
 use crate::calibration::{
     DetectedHardIronChange, Finding, HardIronTimeCourse, Method, Solution, SolveError, solve_samples,
 };
+use crate::frames::Field;
 use crate::time::WrappingMillis;
 
 /// Flight of 75 s of left turns, then 75 s of right turns.
@@ -130,6 +131,38 @@ fn hard_iron_in_a_linkage_is_detected() {
         airframe.assert_expected_error_is_honest(&solution, seed);
     }
     assert!(sizes.len() >= 18 && (3.0..5.0).contains(&quantile(&sizes, 0.5)), "{sizes:?}");
+}
+
+/// Soft iron of up to 40 % that lags by 15 deg in turns. The size is the RMS field of the lag over the headings of
+/// level flight.
+#[test]
+fn lag_of_soft_iron_in_turns_is_detected_with_its_size() {
+    let lag_rad = 15_f32.to_radians();
+    let mut ratios = Vec::new();
+    for seed in 0..20 {
+        let mut random = Random(9100 + seed);
+        let airframe = Airframe::random(&mut random, 0.4, 1.0, 0.0, [30.0, 60.0]);
+        let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random).left_then_right();
+        let soft_iron = airframe.a - Matrix3::identity() * airframe.a.determinant().cbrt();
+        let w = airframe.a.try_inverse().unwrap();
+        for (samples, direction) in [(&mut recorded.left, -1.0), (&mut recorded.right, 1.0)] {
+            for sample in samples {
+                let down = sample.attitude.to_body_frame(Field::new(Vector3::z())).ut;
+                let earth_ut = w * (sample.field.ut - airframe.b_ut);
+                sample.field.ut -= soft_iron * down.cross(&earth_ut) * direction * lag_rad;
+            }
+        }
+        let horizontal_ut = airframe.total_ut * airframe.inclination_rad.cos();
+        let expected_ut = lag_rad * horizontal_ut * ((w * soft_iron).fixed_columns::<2>(0).norm_squared() / 2.0).sqrt();
+        let Some(finding) = solve_turns(&recorded).ok().and_then(|solution| solution.hard_iron_change) else {
+            continue;
+        };
+        if finding.violation.time_course == HardIronTimeCourse::Hysteresis {
+            ratios.push(finding.violation.size_ut / expected_ut);
+        }
+    }
+    assert_eq!(ratios.len(), 20, "{ratios:?}");
+    assert!((0.85..1.15).contains(&quantile(&ratios, 0.5)), "{ratios:?}");
 }
 
 #[test]

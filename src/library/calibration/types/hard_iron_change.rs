@@ -14,6 +14,8 @@ pub enum HardIronTimeCourse {
     Drift,
     /// Change in turns, with the load factor: iron in the linkage of the elevator.
     LoadFactor,
+    /// Lag of the soft iron behind turns: hysteresis.
+    Hysteresis,
 }
 
 /// A hard-iron change during a flight.
@@ -38,6 +40,7 @@ impl fmt::Display for DetectedHardIronChange {
             }
             HardIronTimeCourse::Drift => write!(f, "iron drifted by {whole}.{tenth} uT in {of_s} s"),
             HardIronTimeCourse::LoadFactor => write!(f, "iron moves by {whole}.{tenth} uT with the elevator in turns"),
+            HardIronTimeCourse::Hysteresis => write!(f, "iron of {whole}.{tenth} uT lags behind turns (hysteresis)"),
         }
     }
 }

@@ -100,7 +100,6 @@ fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVarianc
             inclination_equation: inclination,
             heading_equation: None,
             inclination_derivatives_by_attitude: [7.0, 7.0],
-            cos_tilt: 1.0,
         };
         clusters.add_sample_score(part, &equations, 1.0, &column);
     }
@@ -131,7 +130,6 @@ fn score_contributions_exclude_the_nuisance_parameters() {
         inclination_equation: Some(ResidualEquation::new(row, -0.2, 1.0 / 4.0, 1e6)),
         heading_equation: None,
         inclination_derivatives_by_attitude: [0.0, 0.0],
-        cos_tilt: 1.0,
     };
     let mut clusters = ClusterVariance::default();
     clusters.add_sample_score(0, &equations, 2.0, &column);

@@ -1,9 +1,10 @@
 //! Score test for iron that does not stay the same during a flight: a moved payload (step), a temperature drift of the
-//! sensor's zero, or iron in a linkage that moves in turns.
+//! sensor's zero, iron in a linkage that moves in turns, or magnetic hysteresis.
 //!
 //! A change `beta` of the hard iron `b` is tested as three additional unknowns of a [score test](super::score_test):
 //! `b + beta` before one of about thirty times and `b` after it (step), a linear transition over the flight (drift), or
-//! a share of `beta` that follows the load factor (linkage).
+//! a share of `beta` that follows the load factor (linkage). Of [hysteresis](super::hysteresis) one unknown is the
+//! angle by which the soft iron's field lags in turns, and two have no effect.
 //!
 //! Errors are correlated, and the misfit inflates sigma. So a second pass, if the first is suspicious, takes both from
 //! the residuals that remain with the change.
@@ -18,8 +19,8 @@
 //! residuals; a moved payload has 30 or more from these.
 //!
 //! Iron of 3 uT in a linkage has 70 to 270, because bank varies within turns, but down to 1 from norm residuals if it
-//! hardly changes the norm. In 60 flights without a change the first pass has at most 10 for a linkage, which is tested
-//! once.
+//! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. In 60 flights
+//! without a change the first pass has at most 10 for linkage or hysteresis, both of which are tested once.
 
 mod score_sums;
 
@@ -27,11 +28,12 @@ use nalgebra::{Matrix3, Vector3};
 
 pub(in crate::calibration) use self::score_sums::hard_iron_residuals;
 use self::score_sums::{HardIronSums, SampleProducts};
+use super::hysteresis::{Hysteresis, LastTurn};
 use super::score_test::ScoreTest;
 use crate::calibration::fit::converged_fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::linear_algebra::matrix::inverse;
-use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
+use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse};
@@ -56,6 +58,9 @@ const MIN_SIGNIFICANCE: f32 = 30.0;
 /// Significance from norm residuals alone that confirms a change. Attitude errors do not affect the norm; lasting ones
 /// look like a change in the inclination residuals.
 const MIN_NORM_SIGNIFICANCE: f32 = 16.0;
+
+/// Significance that confirms hysteresis, which is tested once, and has one unknown.
+const MIN_HYSTERESIS_SIGNIFICANCE: f32 = 12.0;
 
 /// Significance from norm residuals alone that confirms a hypothesis that is tested once: 99 % quantile of chi-squared
 /// with one degree of freedom.
@@ -87,6 +92,8 @@ enum TestedTimeCourse {
     Drift,
     /// Proportional to the load factor less one, as the deflection of the elevator; constant above 25 deg of bank.
     LoadFactor,
+    /// Lag of the soft iron's field behind the turn.
+    Hysteresis,
 }
 
 impl TimeSpan {
@@ -95,14 +102,43 @@ impl TimeSpan {
         match tested_time_course {
             TestedTimeCourse::Step(until_ms) => f32::from(u8::from(sample.time.ms_since(self.start) <= until_ms)),
             TestedTimeCourse::Drift => 1.0 - self.elapsed_fraction(sample.time),
-            TestedTimeCourse::LoadFactor => load_factor_fraction(sample.attitude.tilt_rotation().down_in_body().z),
+            TestedTimeCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
+            TestedTimeCourse::Hysteresis => 1.0,
         }
     }
 }
 
-/// Load factor less one, relative to the reference, by the cosine of the tilt; at most 1.
-fn load_factor_fraction(cos_tilt: f32) -> f32 {
-    ((1.0 / cos_tilt.max(0.1) - 1.0) / REFERENCE_EXCESS_LOAD_FACTOR).min(1.0)
+/// Load factor less one, relative to the reference, with down in body axes; at most 1.
+fn load_factor_fraction(down: &Vector3<f32>) -> f32 {
+    ((1.0 / down.z.max(0.1) - 1.0) / REFERENCE_EXCESS_LOAD_FACTOR).min(1.0)
+}
+
+/// Adds both residuals of a sample, for an unknown with this derivative of the corrected field: faster than one by one,
+/// because their rows have the measurement in common.
+fn add_residual_pair(sums: &mut ScoreTest<1>, equations: &SampleEquations, field_derivative: &Vector3<f32>) {
+    let mut pair = JacobianRow {
+        derivative_by_field: Vector3::zeros(),
+        centred_field: equations.norm_equation.jacobian_row.centred_field,
+        derivative_by_inclination: 0.0,
+    };
+    for equation in hard_iron_residuals(equations) {
+        let by_unknown = field_derivative.dot(&equation.jacobian_row.derivative_by_field);
+        let weighted = by_unknown * equation.weight;
+        pair.derivative_by_field += equation.jacobian_row.derivative_by_field * weighted;
+        pair.derivative_by_inclination += equation.jacobian_row.derivative_by_inclination * weighted;
+        sums.information.x += weighted * by_unknown;
+        sums.gradient.x -= weighted * equation.residual;
+    }
+    pair.add_scaled_to(&mut sums.cross_information[0], 1.0);
+}
+
+/// Sums for one unknown, as sums for three unknowns of which two have no effect.
+fn as_three_unknowns(one_unknown: &ScoreTest<1>) -> ScoreTest<3> {
+    let mut three_unknowns = ScoreTest::<3>::zero();
+    three_unknowns.cross_information[0] = one_unknown.cross_information[0];
+    three_unknowns.information[(0, 0)] = one_unknown.information.x;
+    three_unknowns.gradient.x = one_unknown.gradient.x;
+    three_unknowns
 }
 
 /// Estimate of `beta` and its significance.
@@ -174,6 +210,9 @@ pub(in crate::calibration) struct HardIronScan {
     step_to_maximum: Vector13,
     step_sums: HardIronSums,
     load_factor_sums: HardIronSums,
+    hysteresis_sums: ScoreTest<1>,
+    hysteresis: Hysteresis,
+    last_turn: LastTurn,
     /// Sums of a drift, approximated by steps at the tested times.
     drift_sums: HardIronSums,
     drift_fraction: f32,
@@ -189,10 +228,13 @@ impl HardIronScan {
         let parameters = ModelParameters::from_unknowns(unknowns);
         Some(Self {
             time_span: TimeSpan::from_samples(samples)?,
+            hysteresis: Hysteresis::new(&parameters)?,
+            last_turn: LastTurn::default(),
             w: parameters.w,
             step_to_maximum: system.step_to_maximum()?,
             step_sums: HardIronSums::zero(),
             load_factor_sums: HardIronSums::zero(),
+            hysteresis_sums: ScoreTest::zero(),
             drift_sums: HardIronSums::zero(),
             drift_fraction: 1.0,
             processed_count: 0,
@@ -204,9 +246,12 @@ impl HardIronScan {
 
     pub fn add_sample(&mut self, system: &LinearisedProblem, sample: &Sample, equations: &SampleEquations) {
         let time = sample.time;
+        let down = sample.attitude.tilt_rotation().down_in_body();
         let products = SampleProducts::new(equations);
         self.step_sums.add_sample_products(&products, 1.0);
-        self.load_factor_sums.add_sample_products(&products, load_factor_fraction(equations.cos_tilt));
+        self.load_factor_sums.add_sample_products(&products, load_factor_fraction(&down));
+        let lagging = self.hysteresis.field_response(&down, self.last_turn.direction_at_sample(sample), equations);
+        add_residual_pair(&mut self.hysteresis_sums, equations, &lagging);
         self.processed_count += 1;
         if self.processed_count.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.processed_count < self.sample_count
@@ -231,6 +276,7 @@ impl HardIronScan {
             TestedTimeCourse::Step(_) => self.step_sums.score_test(&self.w),
             TestedTimeCourse::Drift => self.drift_sums.score_test(&self.w),
             TestedTimeCourse::LoadFactor => self.load_factor_sums.score_test(&self.w),
+            TestedTimeCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
         };
         let Some((beta, significance)) = estimate_hard_iron_change(&sums, system, &self.step_to_maximum) else {
             return;
@@ -251,7 +297,8 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        for tested_time_course in [TestedTimeCourse::Drift, TestedTimeCourse::LoadFactor] {
+        for tested_time_course in [TestedTimeCourse::Drift, TestedTimeCourse::LoadFactor, TestedTimeCourse::Hysteresis]
+        {
             self.test_time_course(system, tested_time_course);
         }
         let estimate = self.best_estimate.filter(|estimate| estimate.significance > SECOND_PASS_SIGNIFICANCE)?;
@@ -259,9 +306,14 @@ impl HardIronScan {
             TestedTimeCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
             TestedTimeCourse::Drift => HardIronTimeCourse::Drift,
             TestedTimeCourse::LoadFactor => HardIronTimeCourse::LoadFactor,
+            TestedTimeCourse::Hysteresis => HardIronTimeCourse::Hysteresis,
+        };
+        let size_ut = match estimate.tested_time_course {
+            TestedTimeCourse::Hysteresis => self.hysteresis.rms_field_change(estimate.beta.x),
+            _ => estimate.beta.vector_length(),
         };
         let detected_change = DetectedHardIronChange {
-            size_ut: estimate.beta.vector_length() * fit.likelihood.field_unit_ut,
+            size_ut: size_ut * fit.likelihood.field_unit_ut,
             time_course: course,
             duration_s: whole_seconds(self.time_span.duration_ms),
         };
@@ -286,10 +338,18 @@ impl HardIronScan {
         let parameters = ModelParameters::from_unknowns(fit.unknowns);
         let mut remaining = Autocorrelation::default();
         let mut norm_sums = ScoreTest::zero();
+        let mut last_turn = LastTurn::default();
         for (part, sample) in TimeOrdered::new(fit.samples) {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
             let fraction = self.time_span.change_fraction_at(estimate.tested_time_course, sample);
-            let derivative = |equation: &ResidualEquation| derivative_by_hard_iron(&self.w, equation);
+            let response = if estimate.tested_time_course == TestedTimeCourse::Hysteresis {
+                let down = sample.attitude.tilt_rotation().down_in_body();
+                let lagging = self.hysteresis.field_response(&down, last_turn.direction_at_sample(sample), &equations);
+                Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
+            } else {
+                -self.w
+            };
+            let derivative = |equation: &ResidualEquation| response.tr_mul(&equation.jacobian_row.derivative_by_field);
             let residual = |equation: &ResidualEquation| {
                 let by_change = derivative(equation).dot(&estimate.beta) * fraction;
                 let residual = equation.residual + equation.jacobian_row.dot(&move_unknowns) + by_change;
@@ -326,7 +386,9 @@ fn is_significant(estimate: &ChangeEstimate, size_ut: f32, second_pass: [f32; 2]
         TestedTimeCourse::Step(_) | TestedTimeCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
         TestedTimeCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
         TestedTimeCourse::LoadFactor if is_linkage_in_both_passes() => return true,
+        TestedTimeCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
         TestedTimeCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
+        TestedTimeCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
     };
     total_significance > total_limit && norm_significance > norm_limit
 }

@@ -225,7 +225,7 @@ fn the_time_span_covers_all_parts() {
 /// looks like a step in the total, iron in a linkage counts without the norm where it is certain or shows in both passes.
 #[test]
 fn each_hypothesis_is_confirmed_by_its_own_significance() {
-    use TestedTimeCourse::{Drift, LoadFactor, Step};
+    use TestedTimeCourse::{Drift, Hysteresis, LoadFactor, Step};
     // Hypothesis, significance of the first pass, size in microtesla, second pass.
     for (time_course, first_pass, size_ut, second_pass, is_confirmed) in [
         (Step(0), 50.0, 5.0, [45.0, 20.0], true),
@@ -238,6 +238,9 @@ fn each_hypothesis_is_confirmed_by_its_own_significance() {
         (LoadFactor, 300.0, 25.0, [20.0, 0.0], false),
         (LoadFactor, 150.0, 15.0, [20.0, 0.0], false),
         (LoadFactor, 300.0, 15.0, [8.0, 0.0], false),
+        (Hysteresis, 40.0, 5.0, [40.0, 0.0], true),
+        (Hysteresis, 40.0, 5.0, [20.0, 8.0], true),
+        (Hysteresis, 40.0, 5.0, [20.0, 5.0], false),
     ] {
         let estimate =
             ChangeEstimate { tested_time_course: time_course, beta: Vector3::zeros(), significance: first_pass };

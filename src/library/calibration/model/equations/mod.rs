@@ -65,8 +65,6 @@ pub(in crate::calibration) struct SampleEquations {
     pub heading_equation: Option<ResidualEquation>,
     /// Derivatives of the inclination by roll and by pitch.
     pub inclination_derivatives_by_attitude: [f32; 2],
-    /// Cosine of the tilt.
-    pub cos_tilt: f32,
 }
 
 /// A sample in the model's units.
@@ -114,7 +112,6 @@ impl SampleEquations {
                 .map(|given_rad| heading_equation(measured, noise, config, &prediction, given_rad)),
             norm_equation: ResidualEquation::new(norm_row, norm, covariance.norm_variance, config.huber_sigmas),
             inclination_derivatives_by_attitude: by_attitude,
-            cos_tilt: measured.tilt_rotation.down_in_body().z,
         }
     }
 }
