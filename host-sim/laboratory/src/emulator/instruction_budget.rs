@@ -46,9 +46,9 @@ const INSTRUCTION_LIMITS: [(&str, &str, u64); 13] = [
     ("msp", "the answer to MSP_ATTITUDE, byte by byte", 2_000),
     ("msp-out", "a reading of an autopilot's compass, MSP2_SENSOR_COMPASS", 1_500),
     ("can-over-msp", "a field by CAN (node's poll and frame), in excess of a reading by MSP (port's poll)", 1_500),
-    ("late", "the solve below with an attitude latency of 60 ms, estimated and used: solved twice", 27_500_000),
-    ("current", "the solve below with motor-current interference, estimated and used: solved three times", 54_500_000),
-    ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_250_000),
+    ("late", "the solve below with an attitude latency of 60 ms, estimated and used: solved twice", 28_000_000),
+    ("current", "the solve below with motor-current interference, estimated and used: solved three times", 55_000_000),
+    ("solve", "maximum likelihood of 2 x 256 samples, assessment and advice included", 18_500_000),
 ];
 
 const SAMPLE_INSTRUCTION_LIMIT: (&str, &str, u64) =

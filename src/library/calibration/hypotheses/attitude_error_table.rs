@@ -5,6 +5,8 @@
 
 use core::array;
 
+use nalgebra::Vector1;
+
 use super::attitude_error::{AttitudeError, AttitudeState};
 use super::score_test::ScoreTest;
 use super::{attitude_drift, attitude_latency, bank_scale, lagging_bank_scale, pitch_sign};
@@ -67,12 +69,7 @@ pub(in crate::calibration) fn add_inclination_residual(
     state: &AttitudeState,
 ) {
     let Some(inclination) = &equations.inclination_equation else { return };
-    // The product of row and weight is the same for all.
-    let weighted_row = inclination.jacobian_row.as_vector() * inclination.weight;
     for (sums, error) in sums.iter_mut().zip(ATTITUDE_ERRORS) {
-        let derivative = error.inclination_derivative(equations, state);
-        sums.cross_information[0].axpy(derivative, &weighted_row, 1.0);
-        sums.information.x += inclination.weight * derivative * derivative;
-        sums.gradient.x -= inclination.weight * derivative * inclination.residual;
+        sums.add_weighted_equation(inclination, &Vector1::new(error.inclination_derivative(equations, state)), 1.0);
     }
 }
