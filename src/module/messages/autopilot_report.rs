@@ -170,8 +170,8 @@ impl fmt::Display for RegisteredCompass {
     }
 }
 
-/// Bus and address of a device id (ArduPilot's `AP_HAL::Device`, PX4's `device::Device`): kind of bus in bits 0 to 2, its number in bits 3 to 7,
-/// the address in bits 8 to 15.
+/// Bus and address of a device id (ArduPilot's `AP_HAL::Device`, PX4's `device::Device`): kind of bus in bits 0 to 2, its
+/// number in bits 3 to 7, the address in bits 8 to 15.
 #[derive(Clone, Copy, Debug)]
 struct DeviceBus(u32);
 

@@ -4,7 +4,8 @@
 //! by slot, `COMPASS_USE` by priority), AP_Param.cpp (`save_sync`: a number that is written again is saved), and PX4's
 //! EKF2_EV_CTRL; of its compasses sensor_calibration/Utilities.cpp (`FindCurrentCalibrationIndex`: a compass whose id no
 //! slot has is uncalibrated, and magnetometerCheck.cpp then refuses to arm), sensors/module.yaml (names and ranges) and
-//! VehicleMagnetometer.cpp (`MagCalibrationUpdate`: offsets that the filter has learnt are saved after each flight); and INAV's compass.c (`compassUpdate`: uncalibrated with gains of 1024).
+//! VehicleMagnetometer.cpp (`MagCalibrationUpdate`: offsets that the filter has learnt are saved after each flight); and
+//! INAV's compass.c (`compassUpdate`: uncalibrated with gains of 1024).
 
 use autoswing_module::messages::{WantedNumber, WantedParameter};
 
