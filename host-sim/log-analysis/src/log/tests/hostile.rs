@@ -65,6 +65,7 @@ fn fuzz_reader(what: &str, bytes: &[u8], read: &dyn Fn(&[u8]) -> Result<LoggedFl
             assert!(rows.iter().all(|row| row.t_s.is_finite()), "{what}");
         }
     }
+    println!("{what}: {accepted_count} of {input_count} damaged inputs were read");
     assert!(accepted_count > input_count / 50, "{what}: only {accepted_count} of {input_count} were read at all");
 }
 
