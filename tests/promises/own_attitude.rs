@@ -7,17 +7,18 @@ use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 
-use crate::fixtures::status_line;
+use crate::fixtures::{share_of_flights, status_line};
 
 fn own_config(seed: u64) -> WorldConfig {
     WorldConfig { attitude: AttitudeSource::Own, ..WorldConfig::of_table1(seed) }
 }
 
-/// Missions of four seeds: RMS heading error, degrees, from 10 s after the restart on, in which the filter starts in
-/// motion, and the share of these errors within two sigmas.
+/// Missions: RMS heading error, degrees, from 10 s after the restart on, in which the filter starts in motion, and the share of
+/// these errors within two sigmas.
 fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
     let (mut squares, mut within_two_sigma, mut count, mut calibrated_count) = (0.0, 0.0, 0.0, 0);
-    for seed in 1..=4 {
+    let mission_count = share_of_flights(12);
+    for seed in 1..=mission_count {
         let config = own_config(seed).with_vehicle_kind(vehicle_kind);
         let headings = fly_mission(config, TurnPlan::default(), &mut |_, _| {}).evaluated_headings;
         let first_s = headings.first().map_or(f64::NAN, |heading| heading.true_moment.time_s);
@@ -26,17 +27,16 @@ fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
             within_two_sigma += f64::from(u8::from(heading.error_deg.abs() < 2.0 * heading.sigma_deg));
             count += 1.0;
         }
-        calibrated_count += u8::from(!headings.is_empty());
+        calibrated_count += u64::from(!headings.is_empty());
     }
-    assert!(calibrated_count >= 3, "{vehicle_kind:?}: {calibrated_count} of 4 flights are calibrated");
+    assert!(4 * calibrated_count >= 3 * mission_count, "{vehicle_kind:?}: {calibrated_count} flights are calibrated");
     ((squares / count).sqrt(), within_two_sigma / count)
 }
 
-/// In a field of 54 deg of inclination. Rover and hand are within the limits of 1 and 2 deg; a boat in steep waves has twice the
-/// rover's.
+/// In a field of 54 deg of inclination. A boat in steep waves has 1.1 deg.
 #[test]
 fn vehicles_without_an_autopilot_have_a_heading() {
-    for (vehicle_kind, limit_deg) in [(VehicleKind::Rover, 1.0), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 2.0)] {
+    for (vehicle_kind, limit_deg) in [(VehicleKind::Rover, 1.0), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 1.3)] {
         let (rms_deg, within_two_sigma) = fly_missions(vehicle_kind);
         assert!(rms_deg < limit_deg && within_two_sigma > 0.9, "{vehicle_kind:?}: {rms_deg} {within_two_sigma}");
     }

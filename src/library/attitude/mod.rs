@@ -40,7 +40,7 @@ pub use source::{AttitudeSource, HAS_OWN_ATTITUDE};
 
 /// Largest sigma of the own attitude's tilt of a sample, radians: the first turn makes the accelerometer's offset known, which
 /// tilts by 3 deg before.
-const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 2.5 * DEG;
+const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 1.5 * DEG;
 
 /// Attitude and turn at an instant, of an autopilot and of the module's own sensors.
 #[derive(Debug)]

@@ -241,6 +241,10 @@ fn a_restart_uses_the_offsets_estimated_before() {
             / DEG
     };
     assert!(sigma_deg_s(0.0) < 0.01 && (0.4..0.5).contains(&sigma_deg_s(-30.0)), "{}", sigma_deg_s(-30.0));
+    // A sensor that was never used has its data sheet's errors at any temperature.
+    let errors = InertialSensorErrors { accelerometer_offset_m_s2: 0.4, ..InertialSensorErrors::CALIBRATED };
+    let variances = |temperature_c| SensorOffsets::UNKNOWN.at_temperature(temperature_c).variances(&errors);
+    assert_eq!(variances(-30.0), ([errors.gyro_offset_rad_s.powi(2); 3], 0.4_f32.powi(2)));
 }
 
 /// A sample that is not finite changes nothing; a gap, and free fall at the start, leave no attitude.
