@@ -206,18 +206,30 @@ impl Instrument {
         }
     }
 
-    /// Drops the reported motor current if the field strength contradicts it, and fits the mean current: a broken or forged
-    /// report.
-    fn drop_contradicted_current(&mut self, at: Timestamp, field: Field<Sensor>) {
-        let Some(reported_a) = self.current_a(at) else { return };
-        let fits_strength = |current_a: Option<f32>| {
-            let field = self.active_calibration.remove_motor_current(field, current_a);
-            self.active_calibration.calibrated_field(field).is_some_and(|body| self.has_calibrated_strength(body))
+    /// The field of a reading without the motor current's interference, the same calibrated, and that current. A current that the
+    /// field strength contradicts, and fits the mean current, is dropped: a broken or forged report.
+    fn correct_reading(
+        &mut self,
+        at: Timestamp,
+        field: Field<Sensor>,
+    ) -> (Field<Sensor>, Option<Field<Body>>, Option<f32>) {
+        let with_current = |instrument: &Self, current_a: Option<f32>| {
+            let field = instrument.active_calibration.remove_motor_current(field, current_a);
+            let corrected = instrument.active_calibration.calibrated_field(field);
+            let has_calibrated_strength = corrected.is_some_and(|body| instrument.has_calibrated_strength(body));
+            ((field, corrected, current_a), has_calibrated_strength)
         };
-        if !fits_strength(Some(reported_a)) && fits_strength(None) {
-            self.motor_current = None;
-            self.rejection_counts.contradicted_currents = self.rejection_counts.contradicted_currents.wrapping_add(1);
+        let (reported, fits_reported) = with_current(self, self.current_a(at));
+        if reported.2.is_none() || fits_reported {
+            return reported;
         }
+        let (mean, fits_mean) = with_current(self, None);
+        if !fits_mean {
+            return reported;
+        }
+        self.motor_current = None;
+        self.rejection_counts.contradicted_currents = self.rejection_counts.contradicted_currents.wrapping_add(1);
+        mean
     }
 
     fn current_a(&self, at: Timestamp) -> Option<f32> {
@@ -235,13 +247,10 @@ impl Instrument {
             // Earlier readings still time out while waiting for an attitude.
             self.pairing_queue.advance_time(at);
         } else {
-            self.drop_contradicted_current(at, reading.field);
             self.pairing_queue.push_field(at, reading.field);
             self.attitude_track.update_raw_field(reading.field);
         }
-        let current_a = self.current_a(at);
-        let field = self.active_calibration.remove_motor_current(reading.field, current_a);
-        let corrected = self.active_calibration.calibrated_field(field);
+        let (field, corrected, current_a) = self.correct_reading(at, reading.field);
         let body_field = corrected.filter(|_| fault.is_none());
         if let Some(body_field) = body_field {
             self.attitude_track.update_field(body_field);
