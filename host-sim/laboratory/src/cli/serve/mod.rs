@@ -270,6 +270,9 @@ fn print_ports(
             print::print_line(format_args!("  {:<22}{with}", format!("tcp 127.0.0.1:{port_number}")));
         }
     }
+    if options.attitude == AttitudeProvider::Own {
+        print::print_line("no autopilot is at port 1: type `set attitude own` at the console");
+    }
     if let Some(bus) = options.can.map(can_bus_name) {
         print::print_line(format_args!("CAN bus: DroneCAN, in the local network\n  {bus:<22}dronecan_gui_tool"));
     }
