@@ -283,9 +283,9 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
             assert!(row.refusal_counts.iter().any(|(code, _)| code == reason), "{row:?}");
         }
     }
-    // Of 100 planes 3 and 4 %; of the forty here two more or less.
+    // Of 100 planes 3 and 4 %, and 87 and 100 accepted; of the flights here two or three more or less.
     for row in run_plan(plan, &["cal-hysteresis-axes-15", "cal-level-ramp-3"]) {
-        assert!(row.wrong_percent <= 0.08 * row.accepted_percent && row.accepted_percent >= 80.0, "{row:?}");
+        assert!(row.wrong_percent <= 0.08 * row.accepted_percent && row.accepted_percent >= 75.0, "{row:?}");
     }
     for row in run_plan(plan, &["clean"]) {
         assert!(are_all_accepted(&row), "{row:?}");
