@@ -13,8 +13,6 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
-use crate::trig::sqrt;
-
 /// Number of errors.
 const ERROR_COUNT: usize = 14;
 
@@ -92,19 +90,20 @@ impl ErrorFilter {
         let velocity_by_tilt = [[0.0, force.z], [-force.z, 0.0], [force.y, -force.x]];
         let row =
             |matrix: &Matrix3<f32>, axis: usize, factor: f32| [0, 1, 2].map(|column| matrix[(axis, column)] * factor);
+        let by_turn = step.known_velocity_m_s.map_or([0.0; 3], |[north_m_s, east_m_s]| [-east_m_s, north_m_s, 0.0]);
         // The velocity first: it grows with the tilt at the start of the step.
-        for (axis, by_tilt) in velocity_by_tilt.iter().enumerate() {
-            self.add_states(VELOCITY + axis, 0, by_tilt);
-            self.add_states(VELOCITY + axis, ACCELEROMETER_OFFSET, &row(&step.rotation_s, axis, -1.0));
-        }
-        if let Some([north_m_s, east_m_s]) = step.known_velocity_m_s {
-            for (axis, factor) in [-east_m_s, north_m_s].into_iter().enumerate() {
-                self.add_states(VELOCITY + axis, GYRO_OFFSET, &row(&step.rotation_s, 2, factor));
-            }
+        for (axis, (by_tilt, by_turn)) in velocity_by_tilt.iter().zip(by_turn).enumerate() {
+            let by_force = row(&step.rotation_s, axis, -1.0);
+            let by_gyro = row(&step.rotation_s, 2, by_turn);
+            self.add_states(
+                VELOCITY + axis,
+                &[(0, by_tilt), (ACCELEROMETER_OFFSET, &by_force), (GYRO_OFFSET, &by_gyro)],
+            );
         }
         for axis in 0..2 {
-            self.add_states(axis, GYRO_OFFSET, &row(&step.rotation_s, axis, -1.0));
-            self.add_states(axis, GYRO_SCALE, &row(&step.rotated_rates_rad, axis, -1.0));
+            let by_offset = row(&step.rotation_s, axis, -1.0);
+            let by_scale = row(&step.rotated_rates_rad, axis, -1.0);
+            self.add_states(axis, &[(GYRO_OFFSET, &by_offset), (GYRO_SCALE, &by_scale)]);
         }
         self.add_process_noise(process_noise);
     }
@@ -115,14 +114,20 @@ impl ErrorFilter {
         }
     }
 
-    /// Adds other states to one, each times its factor: `x_target += sum_i factor_i x_(source + i)`.
-    fn add_states(&mut self, target: usize, source: usize, factors: &[f32]) {
+    /// Adds other states to one, each times its factor: `x_target += sum_i factor_i x_(source + i)`, summed over the terms
+    /// `(source, factors)`.
+    fn add_states(&mut self, target: usize, terms: &[(usize, &[f32])]) {
         let mut row = self.covariance[target];
-        for (source_row, factor) in self.covariance[source..].iter().zip(factors) {
-            add_scaled(&mut row, source_row, *factor);
+        for (source, factors) in terms {
+            for (source_row, factor) in self.covariance[*source..].iter().zip(*factors) {
+                add_scaled(&mut row, source_row, *factor);
+            }
         }
         // So far the covariances of the new value with the old ones.
-        row[target] += row[source..].iter().zip(factors).map(|(covariance, factor)| covariance * factor).sum::<f32>();
+        let sum_of = |(source, factors): &(usize, &[f32])| -> f32 {
+            row[*source..].iter().zip(*factors).map(|(covariance, factor)| covariance * factor).sum()
+        };
+        row[target] += terms.iter().map(sum_of).sum::<f32>();
         for (other, element) in self.covariance.iter_mut().zip(row) {
             other[target] = element;
         }
@@ -160,24 +165,28 @@ impl ErrorFilter {
         self.covariance[index][index] = variance;
     }
 
-    /// Measures three states, one after the other.
+    /// Measures three states, one after the other, in the lower half of the covariance, which is then the upper one, too.
     fn measure_states(&mut self, first: usize, residuals: &Vector3<f32>, variance: f32) {
         for (index, residual) in (first..).zip(residuals) {
             self.measure_state(index, *residual, variance);
         }
+        for row in 1..ERROR_COUNT {
+            for column in 0..row {
+                self.covariance[column][row] = self.covariance[row][column];
+            }
+        }
     }
 
+    /// Measures a state in the lower half of the covariance.
     fn measure_state(&mut self, index: usize, residual: f32, variance: f32) {
-        let column = self.covariance[index];
+        let column: ErrorVector = core::array::from_fn(|other| self.covariance[index.max(other)][index.min(other)]);
         let predicted_variance = column[index];
         let innovation_variance = predicted_variance + variance;
         let gain = (residual - self.mean[index]) / innovation_variance;
         add_scaled(&mut self.mean, &column, gain);
-        // Both factors of the product are the same, so that the covariance stays symmetric to the last bit.
-        let scale = 1.0 / sqrt(innovation_variance);
-        let scaled = column.map(|covariance| covariance * scale);
-        for (row, factor) in self.covariance.iter_mut().zip(scaled) {
-            add_scaled(row, &scaled, -factor);
+        let scale = -1.0 / innovation_variance;
+        for (row_index, (row, covariance)) in self.covariance.iter_mut().zip(column).enumerate() {
+            add_scaled(&mut row[..=row_index], &column, scale * covariance);
         }
         // The difference cancels for an accurate measurement.
         self.covariance[index][index] = predicted_variance * (variance / innovation_variance);
@@ -212,9 +221,9 @@ impl ErrorFilter {
     }
 }
 
-/// `row += factor * added`.
-#[inline]
-fn add_scaled(row: &mut ErrorVector, added: &ErrorVector, factor: f32) {
+/// `row += factor * added`, over the shorter length. Of one length known at compile time it takes a third longer.
+#[inline(never)]
+fn add_scaled(row: &mut [f32], added: &[f32], factor: f32) {
     for (element, added) in row.iter_mut().zip(added) {
         *element += factor * added;
     }

@@ -39,7 +39,7 @@ const INSTRUCTION_LIMITS: [(&str, &str, u64); 13] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
     ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 45_000),
     ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
-    ("inertial", "gyro and accelerometer to attitude, with a step of its Kalman filter: 208 times a second", 11_500),
+    ("inertial", "gyro and accelerometer to attitude, with a step of its Kalman filter: 208 times a second", 10_000),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_200),
     ("mavlink", "a MAVLink 2 ATTITUDE frame, byte by byte", 3_000),
     ("mavlink-out", "a VISION_POSITION_ESTIMATE, the longest of the messages that are sent often", 4_500),
