@@ -6,16 +6,16 @@ use super::*;
 
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
-    for (error, expected) in [
-        (AttitudeErrorSetting::DEFAULT, ConsiderSigmas::DEFAULT),
+    for (settings, expected) in [
+        (Settings::DEFAULT, ConsiderSigmas::DEFAULT),
         (
-            AttitudeErrorSetting { bias_deg: 2.0, bank_percent: 5.0 },
+            Settings { attitude_bias_deg: 2.0, bank_scale_error_percent: 5.0, ..Settings::DEFAULT },
             ConsiderSigmas { bias_rad: 0.034_906_585, bank_scale: 0.05 },
         ),
     ] {
-        let ConsiderSigmas { bias_rad, bank_scale } = error.to_consider_sigmas();
-        assert!((bias_rad / expected.bias_rad - 1.0).abs() < 0.003, "{error:?}");
-        assert!((bank_scale / expected.bank_scale - 1.0).abs() < 1e-6, "{error:?}");
+        let ConsiderSigmas { bias_rad, bank_scale } = settings.attitude_error_sigmas();
+        assert!((bias_rad / expected.bias_rad - 1.0).abs() < 0.003, "{expected:?}");
+        assert!((bank_scale / expected.bank_scale - 1.0).abs() < 1e-6, "{expected:?}");
     }
 }
 
@@ -126,8 +126,8 @@ fn rows_have_unique_tags_positions_and_short_names() {
 #[test]
 fn two_settings_of_a_command_change_together() {
     let change = SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 3.0]));
-    let attitude_error = AttitudeErrorSetting { bias_deg: 1.5, bank_percent: 3.0 };
-    assert_eq!(Settings::DEFAULT.with_setting(change), Ok(Settings { attitude_error, ..Settings::DEFAULT }));
+    let expected = Settings { attitude_bias_deg: 1.5, bank_scale_error_percent: 3.0, ..Settings::DEFAULT };
+    assert_eq!(Settings::DEFAULT.with_setting(change), Ok(expected));
     let refused = Settings::DEFAULT
         .with_setting(SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 20.1])))
         .unwrap_err();
@@ -159,7 +159,9 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
     let used: Vec<&str> = SETTINGS
         .iter()
         .filter(|setting| {
-            setting.change_to(setting.value(&Settings::DEFAULT)).is_some_and(SettingChange::is_used_by_solves)
+            setting
+                .change_to(setting.value(&Settings::DEFAULT))
+                .is_some_and(|change| change.affects(DependentState::Solve))
         })
         .map(|setting| setting.parameter_name)
         .collect();
