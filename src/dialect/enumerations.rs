@@ -2,7 +2,7 @@
 
 use core::ops::BitOr;
 
-use crate::field::Field;
+use crate::field::MessageField;
 
 /// Passes the table to the macro `$process`. An `enumeration` is one of its numbers, a `bitmask` a sum of them. The
 /// numbers that the project names are listed; a field may have any.
@@ -82,7 +82,7 @@ macro_rules! define_enumerations {
                 )*
             }
 
-            impl Field for $name {
+            impl MessageField for $name {
                 const LENGTH: usize = <$number>::LENGTH;
                 const ZERO: Self = Self(0);
 

@@ -3,7 +3,7 @@
 use mavlink_core::types::CharArray;
 
 /// Type of a message's field.
-pub trait Field: Copy {
+pub trait MessageField: Copy {
     /// Length, bytes.
     const LENGTH: usize;
     /// Value of a field that is not sent.
@@ -22,7 +22,7 @@ pub trait Field: Copy {
 macro_rules! number_fields {
     ($($number:ty = $zero:literal),*) => {
         $(
-            impl Field for $number {
+            impl MessageField for $number {
                 const LENGTH: usize = size_of::<Self>();
                 const ZERO: Self = $zero;
 
@@ -53,7 +53,7 @@ macro_rules! number_fields {
 
 number_fields!(u8 = 0, i8 = 0, u16 = 0, i16 = 0, u32 = 0, i32 = 0, u64 = 0, i64 = 0, f32 = 0.0, f64 = 0.0);
 
-impl<F: Field, const COUNT: usize> Field for [F; COUNT] {
+impl<F: MessageField, const COUNT: usize> MessageField for [F; COUNT] {
     const LENGTH: usize = COUNT * F::LENGTH;
     const ZERO: Self = [F::ZERO; COUNT];
 
@@ -74,7 +74,7 @@ impl<F: Field, const COUNT: usize> Field for [F; COUNT] {
     }
 }
 
-impl<const COUNT: usize> Field for CharArray<COUNT> {
+impl<const COUNT: usize> MessageField for CharArray<COUNT> {
     const LENGTH: usize = COUNT;
     const ZERO: Self = Self::new([0; COUNT]);
 

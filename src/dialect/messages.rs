@@ -9,7 +9,7 @@ use mavlink_core::{MavlinkVersion, Message, MessageData};
 #[cfg_attr(not(test), expect(clippy::wildcard_imports, reason = "a row may have any of them"))]
 use crate::enumerations::*;
 use crate::extra_crc::common_extra_crc;
-use crate::field::Field;
+use crate::field::MessageField;
 
 /// Passes the table to the macro `$process`. A row has the name of the message and of its type, its number, and the
 /// extra byte of its CRC; its fields in the order on the wire, which is largest first; and after `extension` the fields
@@ -229,8 +229,8 @@ macro_rules! define_messages {
             impl $data {
                 /// All fields are zero.
                 pub const DEFAULT: Self = Self {
-                    $($field: <$type as Field>::ZERO,)*
-                    $($($extension: <$extension_type as Field>::ZERO,)*)?
+                    $($field: <$type as MessageField>::ZERO,)*
+                    $($($extension: <$extension_type as MessageField>::ZERO,)*)?
                 };
             }
 
@@ -241,7 +241,7 @@ macro_rules! define_messages {
             }
 
             impl PayloadLengths for $data {
-                const V1_LENGTH: usize = 0 $(+ <$type as Field>::LENGTH)*;
+                const V1_LENGTH: usize = 0 $(+ <$type as MessageField>::LENGTH)*;
             }
 
             impl MessageData for $data {
@@ -250,7 +250,7 @@ macro_rules! define_messages {
                 const ID: u32 = $id;
                 const NAME: &'static str = stringify!($name);
                 const EXTRA_CRC: u8 = $crc;
-                const ENCODED_LEN: usize = Self::V1_LENGTH $($(+ <$extension_type as Field>::LENGTH)*)?;
+                const ENCODED_LEN: usize = Self::V1_LENGTH $($(+ <$extension_type as MessageField>::LENGTH)*)?;
 
                 fn ser(&self, version: MavlinkVersion, payload: &mut [u8]) -> usize {
                     let payload = &mut payload[..Self::ENCODED_LEN];
@@ -273,8 +273,8 @@ macro_rules! define_messages {
                     };
                     payload[..length].iter_mut().zip(received).for_each(|(byte, received)| *byte = *received);
                     let rest = &payload[..];
-                    $(let ($field, rest) = <$type as Field>::read(rest);)*
-                    $($(let ($extension, rest) = <$extension_type as Field>::read(rest);)*)?
+                    $(let ($field, rest) = <$type as MessageField>::read(rest);)*
+                    $($(let ($extension, rest) = <$extension_type as MessageField>::read(rest);)*)?
                     debug_assert!(rest.is_empty(), "the length is that of all fields");
                     Ok(Self { $($field,)* $($($extension,)*)? })
                 }
@@ -293,8 +293,9 @@ macro_rules! define_messages {
             pub fn from_numbers(name: &str, number_at: &mut dyn FnMut(&str, usize) -> f64) -> Option<Self> {
                 match name {
                     $($($data::NAME => Some(Self::$name($data {
-                        $($field: Field::from_numbers(&mut |index| number_at(stringify!($field), index)),)*
-                        $($($extension: Field::from_numbers(&mut |index| number_at(stringify!($extension), index)),)*)?
+                        $($field: MessageField::from_numbers(&mut |index| number_at(stringify!($field), index)),)*
+                        $($($extension:
+                            MessageField::from_numbers(&mut |index| number_at(stringify!($extension), index)),)*)?
                     })),)*)*
                     _ => None,
                 }

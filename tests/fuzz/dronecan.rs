@@ -8,7 +8,7 @@ use autoswing_firmware::wire::dronecan::{
     BusMessage, CanFrame, DataType, MAX_RECEIVED_LENGTH, NodeId, TransferReceiver,
 };
 use autoswing_module::compass::IndicatorState;
-use autoswing_module::settings::{CanSettings, SETTINGS, Settings};
+use autoswing_module::settings::{SETTINGS, Settings};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -205,9 +205,8 @@ fn a_node_survives_any_frames() {
         unique_id: [7; 16],
     };
     check_property((any_traffic(), any::<bool>()), |(traffic, has_number)| -> PropertyResult {
-        let can = CanSettings { node: if has_number { OWN_NODE } else { 0 }, ..CanSettings::DEFAULT };
-        let settings = Settings { can, ..Settings::DEFAULT };
-        let mut node = CanNode::new(NODE_INFO, can);
+        let settings = Settings { can_node: if has_number { OWN_NODE } else { 0 }, ..Settings::DEFAULT };
+        let mut node = CanNode::new(NODE_INFO, settings.can_node);
         for (frame_number, frame) in traffic.iter().enumerate() {
             let now = Timestamp::from_us(frame_number as u64 * 12_500);
             node.receive_frame(now, frame, &mut |_| {});

@@ -1,6 +1,6 @@
 //! Fuzz test of the MAVLink receiver.
 
-use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver, ParameterRequest};
+use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver, ReceivedParameterRequest};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -180,9 +180,9 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
             }
             InboundMessage::ParameterRequest(target, request) => {
                 let (request_id, target_offset) = match request {
-                    ParameterRequest::Read { .. } => (20, 2),
-                    ParameterRequest::List => (21, 0),
-                    ParameterRequest::Write(_) => (23, 4),
+                    ReceivedParameterRequest::Read { .. } => (20, 2),
+                    ReceivedParameterRequest::List => (21, 0),
+                    ReceivedParameterRequest::Write(_) => (23, 4),
                 };
                 (id, self.payload[target_offset]) == (request_id, target.system_id)
             }

@@ -7,7 +7,7 @@ use log_analysis::log::log_writers::{FlightRecording, FlightSample};
 
 use crate::module::{Module, ModuleObserver};
 use crate::world::aircraft::VehicleKind;
-use crate::world::attitude_source::AttitudeSource;
+use crate::world::attitude_source::SimulatedAttitudeSource;
 use crate::world::autopilot::Leg;
 use crate::world::earth::Earth;
 use crate::world::mavlink_autopilot::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
@@ -32,7 +32,7 @@ const COMPASS_PARAMETERS: [(&str, f64); 8] = [
 ];
 
 /// Appends the state of the world at a time within the last two seconds.
-pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut AttitudeSource, at_us: u64) {
+pub fn record_sample(recording: &mut FlightRecording, world: &World, source: &mut SimulatedAttitudeSource, at_us: u64) {
     recording.is_copter = world.world_config().aircraft.kind == VehicleKind::Copter;
     let (truth, reported) = (world.true_state(at_us), source.next_report(&world.true_state(at_us)));
     let field = world.sensor_field(at_us.saturating_sub((recording.field_latency_s * 1e6) as u64)).ut;
@@ -92,7 +92,7 @@ pub fn record_turns(world: &WorldConfig, field_latency_s: f64) -> FlightRecordin
 
 /// Observer that records a flight.
 pub struct Recorder {
-    source: AttitudeSource,
+    source: SimulatedAttitudeSource,
     next_sample_us: u64,
     /// The flight so far.
     pub recording: FlightRecording,

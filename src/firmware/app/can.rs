@@ -78,12 +78,12 @@ pub async fn run_can<B: UpdateHandOver>(
         CanNode::in_safe_mode(info)
     } else {
         settings = changes.changed().await;
-        CanNode::new(info, settings.can)
+        CanNode::new(info, settings.can_node)
     };
     if !B::ACCEPTS_UPDATES {
         node.refuse_updates();
     }
-    tx.set_termination(settings.can.is_terminated);
+    tx.set_termination(settings.can_is_terminated);
     node.mavlink().set_signing_key(settings.signing_key);
     let poll_function = if is_safe_mode { poll_in_safe_mode } else { poll_can_node };
     let mut poll_at = Instant::now();
@@ -107,7 +107,7 @@ pub async fn run_can<B: UpdateHandOver>(
         // The answer to a changed setting has its new value.
         if let Some(changed) = changes.try_changed() {
             settings = changed;
-            tx.set_termination(settings.can.is_terminated);
+            tx.set_termination(settings.can_is_terminated);
             node.mavlink().set_signing_key(settings.signing_key);
         }
         match event {

@@ -195,7 +195,7 @@ impl Iterator for CommandIterator {
     fn next(&mut self) -> Option<ConsoleCommand> {
         for setting in self.settings.by_ref().filter(|setting| setting.command_words[0] == self.first_word) {
             match setting.kind {
-                SettingKind::Alignment(_) => return Some(ConsoleCommand::Own(&ALIGN_COMMAND)),
+                SettingKind::Alignment(..) => return Some(ConsoleCommand::Own(&ALIGN_COMMAND)),
                 _ if setting.help_text.is_empty() => {}
                 _ => return Some(ConsoleCommand::Setting(setting)),
             }

@@ -4,6 +4,7 @@ use super::activity::{Activity, Solve, SolvePurpose};
 use crate::compass::events::{AutopilotAction, Command};
 use crate::compass::state::Compass;
 use crate::messages::Refusal;
+use crate::settings::DependentState;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::time::WrappingMillis;
 
@@ -22,7 +23,7 @@ impl Compass<'_> {
                 return Ok(());
             }
             Command::CalAbort | Command::KeepReplacedNumber(_) | Command::Restart => false,
-            Command::Set(setting) | Command::SetFromBus(setting) => setting.is_used_by_solves(),
+            Command::Set(setting) | Command::SetFromBus(setting) => setting.affects(DependentState::Solve),
             _ => true,
         };
         // A save is always completed.
@@ -51,7 +52,7 @@ impl Compass<'_> {
             | Command::ResetSettings
             | Command::Autopilot(AutopilotAction::Setup | AutopilotAction::Undo | AutopilotAction::Restart)
             | Command::Restart => true,
-            Command::Set(change) => change.is_of_calibration(),
+            Command::Set(change) => change.affects(DependentState::Calibration),
             Command::CalStop
             | Command::CalSolve(_)
             | Command::CalAdvise

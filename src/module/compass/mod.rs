@@ -26,7 +26,7 @@ pub use state::Compass;
 pub use trial_solves::{TrialResult, TrialSchedule};
 
 use crate::messages::Refusal;
-use crate::settings::Settings;
+use crate::settings::{DependentState, Settings};
 use crate::store::StoredValues;
 use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
 use armed_state::ArmedState;
@@ -188,7 +188,7 @@ impl<'a> Compass<'a> {
                 if needs_sensor && !self.has_inertial_sensor {
                     return Err(Refusal::NoInertialSensor);
                 }
-                if setting.enables_automatic_start() {
+                if setting.affects(DependentState::AutomaticStart) && settings.auto_on {
                     self.enable_automatic_start(true);
                 }
                 return Ok(self.request_save(PendingSave::Settings(settings)));

@@ -29,7 +29,7 @@ impl Compass<'_> {
             is_inclination_modelled: self.settings.inclination_deg.is_none(),
             readings_per_sample: sensor.readings_per_sample,
         };
-        let consider = self.settings.attitude_error.to_consider_sigmas();
+        let consider = self.settings.attitude_error_sigmas();
         let solver = Solver::with_consider_sigmas(method, collected_samples(&self.collector), &prior, consider)
             .map_err(Refusal::Solve)?;
         self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });

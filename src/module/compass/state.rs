@@ -6,7 +6,7 @@ use super::persistent_state::PersistentState;
 use super::trial_solves::TrialSolves;
 use crate::compass::events::ModuleState;
 use crate::messages::Message;
-use crate::settings::{SensorErrorSetting, Settings};
+use crate::settings::Settings;
 use crate::store::{CalibrationRecord, StoredCalibrations};
 use autoswing::acceptance::AcceptancePolicy;
 use autoswing::calibration::method_selection::Procedure;
@@ -14,7 +14,7 @@ use autoswing::calibration::{Advice, Sample};
 use autoswing::collection::{Collector, RecentSamples};
 use autoswing::earth::{LocalField, PositionContext};
 use autoswing::inertial::SensorOffsets;
-use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
+use autoswing::instrument::{Correction, SampleAttitude};
 use autoswing::time::WrappingMillis;
 
 /// Capacity for samples during a solve, 4.8 s at ten a second. The longest solve, with motor-current interference,
@@ -95,7 +95,7 @@ impl Compass<'_> {
             mount: self.sensor.map(|_| self.settings.mount),
             total_ut: self.model_field_strength_ut(),
             is_armed: self.armed_state.reported_state(),
-            sensor_errors: sensor_error_sigmas(self.settings.sensor_error),
+            sensor_errors: self.settings.sensor_error_sigmas(),
             attitude_source: self.settings.attitude_source,
         }
     }
@@ -157,13 +157,5 @@ impl Compass<'_> {
             Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
             Activity::Idle => ModuleState::Uncalibrated,
         }
-    }
-}
-
-/// Sensor errors of the settings (percent) in the monitor's units (fractions).
-fn sensor_error_sigmas(error: SensorErrorSetting) -> SensorErrorSigmas {
-    SensorErrorSigmas {
-        gyro_scale: error.gyro_percent / 100.0,
-        hard_iron_drift_per_minute: error.drift_percent / 100.0,
     }
 }

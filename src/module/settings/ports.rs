@@ -78,11 +78,3 @@ pub struct PortSettings {
     /// Baud rate of the port.
     pub baud: BaudRate,
 }
-
-impl PortSettings {
-    /// Factory settings: the first port detects the autopilot's protocol, the second sends NMEA to instruments.
-    pub const DEFAULT_OF_PORTS: [Self; PORT_COUNT] = [
-        Self { protocol: ProtocolKind::Auto, baud: BaudRate::B115200 },
-        Self { protocol: ProtocolKind::Nmea, baud: BaudRate::B115200 },
-    ];
-}

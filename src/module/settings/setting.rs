@@ -10,6 +10,15 @@ use autoswing::earth::EarthField;
 
 /// Row of the table of settings; `S` is the structure that contains the values.
 pub struct SettingRow<S: 'static> {
+    /// Name of the parameter, at most 16 characters; empty if the setting is not a parameter.
+    pub parameter_name: &'static str,
+    /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
+    /// new parameter takes the next one.
+    pub parameter_index: u8,
+    /// Tag of the stored field, never used again for another one.
+    pub stored_tag: u8,
+    /// Kind of the value, and access to it.
+    pub kind: SettingKind<S>,
     /// Words of the console's command; empty if the setting has none. Adjacent rows with the same words are the
     /// arguments of one command.
     pub command_words: [&'static str; 2],
@@ -17,22 +26,13 @@ pub struct SettingRow<S: 'static> {
     pub argument_name: &'static str,
     /// Description in `help`; that of a command's first row counts.
     pub help_text: &'static str,
-    /// Kind of the value, and access to it.
-    pub kind: SettingKind<S>,
-    /// Description of the valid range, for a value outside of it.
-    pub range_text: &'static str,
     /// Line of `status all`, shared with other settings, and the texts before and after the value. The line's place is
     /// that of its last setting.
     pub status_texts: [&'static str; 3],
-    /// Tag of the stored field, never used again for another one.
-    pub stored_tag: u8,
-    /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
-    /// new parameter takes the next one.
-    pub parameter_index: u8,
-    /// Name of the parameter, at most 16 characters; empty if the setting is not a parameter.
-    pub parameter_name: &'static str,
-    /// State that depends on the setting.
-    pub dependent_state: DependentState,
+    /// Description of the valid range, for a value outside of it.
+    pub range_text: &'static str,
+    /// States that depend on the setting, beside the output of headings.
+    pub dependent_states: &'static [DependentState],
 }
 
 /// Kind of a setting, with access to its value.
@@ -47,8 +47,8 @@ pub enum SettingKind<S: 'static> {
     Number(fn(&mut S) -> &mut f32, [f32; 2], &'static str, usize, Option<&'static str>),
     /// Angle in degrees that may be unset, with its range. `status all` then shows the angle of the field model, or a text.
     Angle(fn(&mut S) -> &mut Option<f32>, [f32; 2], fn(&EarthField) -> Option<f32>, &'static str),
-    /// Heading offset in degrees, -180 to 180. It is measured by a command of its own.
-    Alignment(fn(&mut S) -> &mut f32),
+    /// Heading offset in degrees, with its range. It is measured by a command of its own.
+    Alignment(fn(&mut S) -> &mut f32, [f32; 2]),
     /// Key, entered as a passphrase or `off`.
     Key(fn(&mut S) -> &mut Option<SigningKey>),
 }
@@ -65,6 +65,25 @@ pub trait Choice {
     fn nth_name(&self, number: u8) -> Option<&'static str>;
 }
 
+/// Implements [`Choice`] for an enumeration with an array of names and values, in the order of their numbers.
+macro_rules! choice_of {
+    ($enumeration:ident, $named_values:ident) => {
+        impl $crate::settings::setting::Choice for $enumeration {
+            fn number(&self) -> u8 {
+                *self as u8
+            }
+
+            fn set_number(&mut self, number: u8) {
+                *self = Self::$named_values.get(usize::from(number)).map_or(*self, |(_, value)| *value);
+            }
+
+            fn nth_name(&self, number: u8) -> Option<&'static str> {
+                Self::$named_values.get(usize::from(number)).map(|(name, _)| *name)
+            }
+        }
+    };
+}
+
 /// Declares an enumeration that is a [`Choice`]: its variants with their names in commands. It is stored by number, so
 /// that a new variant is the last.
 macro_rules! named_choices {
@@ -78,35 +97,23 @@ macro_rules! named_choices {
         }
 
         impl $enumeration {
-            /// All choices by number.
-            pub const ALL_CHOICES: &[Self] = &[$(Self::$variant),*];
+            /// All choices by number, with their names in commands.
+            pub const NAMED_CHOICES: &[(&str, Self)] = &[$(($name, Self::$variant)),*];
 
             /// Name in commands.
             #[must_use]
             pub const fn choice_name(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $name,)*
-                }
+                Self::NAMED_CHOICES[self as usize].0
             }
         }
 
-        impl $crate::settings::setting::Choice for $enumeration {
-            fn number(&self) -> u8 {
-                *self as u8
-            }
-
-            fn set_number(&mut self, number: u8) {
-                *self = Self::ALL_CHOICES.get(usize::from(number)).copied().unwrap_or(*self);
-            }
-
-            fn nth_name(&self, number: u8) -> Option<&'static str> {
-                Self::ALL_CHOICES.get(usize::from(number)).map(|choice| choice.choice_name())
-            }
-        }
+        $crate::settings::setting::choice_of!($enumeration, NAMED_CHOICES);
     };
 }
 
-pub(super) use named_choices;
+pub(super) use {choice_of, named_choices};
+
+choice_of!(AttitudeSource, NAMED_SOURCES);
 
 impl Choice for Orientation {
     fn number(&self) -> u8 {
@@ -122,28 +129,12 @@ impl Choice for Orientation {
     }
 }
 
-impl Choice for AttitudeSource {
-    fn number(&self) -> u8 {
-        *self as u8
-    }
-
-    fn set_number(&mut self, number: u8) {
-        *self = Self::NAMED_SOURCES.get(usize::from(number)).map_or(*self, |(_, source)| *source);
-    }
-
-    fn nth_name(&self, number: u8) -> Option<&'static str> {
-        Self::NAMED_SOURCES.get(usize::from(number)).map(|(name, _)| *name)
-    }
-}
-
-/// State that depends on a setting, beside the output of headings.
+/// State that depends on a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DependentState {
-    /// No other state.
-    None,
     /// A solve uses the setting, which must not change during one.
     Solve,
-    /// A solve uses the setting, and a calibration is valid for one value of it.
+    /// A calibration is valid for one value of the setting.
     Calibration,
     /// `on` permits automatic collection again after a manual stop.
     AutomaticStart,
@@ -195,10 +186,11 @@ impl<S: Copy + Default> SettingRow<S> {
             SettingKind::Switch(field, _) => SettingValue::Whole((*field(settings)).into()),
             SettingKind::Choice(field) => {
                 let choice = field(settings);
-                SettingValue::Whole(choice_value(choice, choice.number()).unwrap_or_default())
+                let mut values = named_values(choice).map(|(_, value)| value);
+                values.nth(choice.number().into()).unwrap_or(INVALID_CHOICE)
             }
             SettingKind::Whole(field, ..) => SettingValue::Whole((*field(settings)).into()),
-            SettingKind::Number(field, ..) | SettingKind::Alignment(field) => {
+            SettingKind::Number(field, ..) | SettingKind::Alignment(field, _) => {
                 SettingValue::Number(Some(*field(settings)))
             }
             SettingKind::Angle(field, ..) => SettingValue::Number(*field(settings)),
@@ -209,14 +201,13 @@ impl<S: Copy + Default> SettingRow<S> {
     /// Value of this setting's kind from a finite number; `None` for a fraction of a whole number, and for a key.
     #[must_use]
     pub fn number_value(&self, number: f32) -> Option<SettingValue> {
-        match self.value(&S::default()) {
-            // The cast saturates, so that a negative number or a fraction differs from its whole number.
-            SettingValue::Whole(_) => {
-                let whole = number as u32;
-                (whole as f32 - number == 0.0).then_some(SettingValue::Whole(whole))
+        match self.kind {
+            SettingKind::Key(_) => None,
+            SettingKind::Number(..) | SettingKind::Angle(..) | SettingKind::Alignment(..) => {
+                Some(SettingValue::Number(Some(number)))
             }
-            SettingValue::Number(_) => Some(SettingValue::Number(Some(number))),
-            SettingValue::Numbers(_) | SettingValue::Key(_) => None,
+            // The cast saturates, so that a negative number or a fraction differs from its whole number.
+            _ => Some(number as u32).filter(|whole| *whole as f32 - number == 0.0).map(SettingValue::Whole),
         }
     }
 
@@ -224,18 +215,12 @@ impl<S: Copy + Default> SettingRow<S> {
     pub(super) fn set_value(&self, settings: &mut S, value: SettingValue) -> bool {
         match (&self.kind, value) {
             (SettingKind::Switch(field, _), SettingValue::Whole(number @ 0..=1)) => *field(settings) = number == 1,
-            (SettingKind::Choice(field), SettingValue::Whole(value)) => {
+            (SettingKind::Choice(field), SettingValue::Whole(_)) => {
                 let choice = field(settings);
-                let Some(number) = choice_numbers(choice).find(|number| choice_value(choice, *number) == Some(value))
-                else {
-                    return false;
-                };
-                choice.set_number(number);
+                let Some(number) = named_values(choice).position(|(_, named)| named == value) else { return false };
+                choice.set_number(number as u8);
             }
-            (SettingKind::Whole(field, ..), SettingValue::Whole(value)) => {
-                let Ok(value) = u8::try_from(value) else { return false };
-                *field(settings) = value;
-            }
+            (SettingKind::Whole(field, ..), SettingValue::Whole(number @ 0..=255)) => *field(settings) = number as u8,
             (SettingKind::Number(field, ..), SettingValue::Number(value)) => {
                 *field(settings) = value.unwrap_or(f32::NAN);
             }
@@ -249,36 +234,28 @@ impl<S: Copy + Default> SettingRow<S> {
     /// Whether the value in these settings is within its range.
     #[must_use]
     pub fn is_valid(&self, settings: &S) -> bool {
-        let settings = &mut { *settings };
-        match &self.kind {
-            SettingKind::Switch(..) | SettingKind::Key(_) => true,
-            SettingKind::Choice(field) => {
-                let choice = field(settings);
-                choice.nth_name(choice.number()).is_some()
-            }
-            SettingKind::Whole(field, [least, most], ..) => (*least..=*most).contains(field(settings)),
-            SettingKind::Number(field, range, ..) => is_within(*range, *field(settings)),
-            SettingKind::Angle(field, range, ..) => field(settings).is_none_or(|deg| is_within(*range, deg)),
-            SettingKind::Alignment(field) => is_within([-180.0, 180.0], *field(settings)),
-        }
+        let value = self.value(settings);
+        let is_within =
+            |[least, most]: [SettingValue; 2]| (least.to_number()..=most.to_number()).contains(&value.to_number());
+        value == SettingValue::Number(None) || self.value_range().is_none_or(is_within)
     }
 
-    /// Least and largest value; `None` of a key and of the alignment.
+    /// Least and largest value; `None` of a key.
     #[must_use]
     pub fn value_range(&self) -> Option<[SettingValue; 2]> {
         match &self.kind {
             SettingKind::Switch(..) => Some([0, 1].map(SettingValue::Whole)),
             SettingKind::Choice(field) => {
                 let settings = &mut S::default();
-                let choice = field(settings);
-                let last = choice_numbers(choice).last()?;
-                Some([0, last].map(|number| SettingValue::Whole(choice_value(choice, number).unwrap_or_default())))
+                let mut values = named_values(field(settings)).map(|(_, value)| value);
+                let first = values.next()?;
+                Some([first, values.last()?])
             }
             SettingKind::Whole(_, range, ..) => Some(range.map(|number| SettingValue::Whole(number.into()))),
-            SettingKind::Number(_, range, ..) | SettingKind::Angle(_, range, ..) => {
+            SettingKind::Number(_, range, ..) | SettingKind::Angle(_, range, ..) | SettingKind::Alignment(_, range) => {
                 Some(range.map(|number| SettingValue::Number(Some(number))))
             }
-            SettingKind::Alignment(_) | SettingKind::Key(_) => None,
+            SettingKind::Key(_) => None,
         }
     }
 
@@ -287,34 +264,28 @@ impl<S: Copy + Default> SettingRow<S> {
     pub fn nth_word(&self, index: usize) -> Option<(&'static str, SettingValue)> {
         let only_word = match self.kind {
             SettingKind::Switch(..) => {
-                return [("on", SettingValue::Whole(1)), ("off", SettingValue::Whole(0))].get(index).copied();
+                return [("on", 1), ("off", 0)].get(index).map(|(word, on)| (*word, SettingValue::Whole(*on)));
             }
-            SettingKind::Choice(field) => {
-                let (settings, number) = (&mut S::default(), u8::try_from(index).ok()?);
-                let choice = field(settings);
-                return choice.nth_name(number).zip(choice_value(choice, number).map(SettingValue::Whole));
-            }
+            SettingKind::Choice(field) => return named_values(field(&mut S::default())).nth(index),
             SettingKind::Number(.., word) => (word?, self.value(&S::default())),
             SettingKind::Angle(..) => ("none", SettingValue::Number(None)),
             SettingKind::Key(_) => ("off", SettingValue::Key(None)),
-            SettingKind::Whole(..) | SettingKind::Alignment(_) => return None,
+            SettingKind::Whole(..) | SettingKind::Alignment(..) => return None,
         };
         (index == 0).then_some(only_word)
     }
 }
 
-fn is_within([least, most]: [f32; 2], number: f32) -> bool {
-    (least..=most).contains(&number)
-}
+/// Value of a choice with an unknown number, beyond every range.
+const INVALID_CHOICE: SettingValue = SettingValue::Whole(u32::MAX);
 
-/// Numbers of all values of a choice.
-fn choice_numbers(choice: &dyn Choice) -> impl Iterator<Item = u8> {
-    (0..u8::MAX).take_while(|number| choice.nth_name(*number).is_some())
-}
-
-/// Value of a choice: its name as a number, or else its position; `None` beyond the last choice.
-fn choice_value(choice: &dyn Choice, number: u8) -> Option<u32> {
-    choice.nth_name(number).map(|name| name.parse().unwrap_or(number.into()))
+/// Names of a choice with their values by number: the name as a number, or else its position.
+fn named_values(choice: &dyn Choice) -> impl Iterator<Item = (&'static str, SettingValue)> {
+    let nth_value = |number| {
+        let name = choice.nth_name(number)?;
+        Some((name, SettingValue::Whole(name.parse().unwrap_or(number.into()))))
+    };
+    (0..u8::MAX).map_while(nth_value)
 }
 
 impl<S> PartialEq for SettingRow<S> {

@@ -6,17 +6,24 @@ use super::*;
 
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
-    for (error, expected) in [
-        (AttitudeErrorSetting::DEFAULT, ConsiderSigmas::DEFAULT),
+    for (settings, expected) in [
+        (Settings::DEFAULT, ConsiderSigmas::DEFAULT),
         (
-            AttitudeErrorSetting { bias_deg: 2.0, bank_percent: 5.0 },
+            Settings { attitude_bias_deg: 2.0, bank_scale_error_percent: 5.0, ..Settings::DEFAULT },
             ConsiderSigmas { bias_rad: 0.034_906_585, bank_scale: 0.05 },
         ),
     ] {
-        let ConsiderSigmas { bias_rad, bank_scale } = error.to_consider_sigmas();
-        assert!((bias_rad / expected.bias_rad - 1.0).abs() < 0.003, "{error:?}");
-        assert!((bank_scale / expected.bank_scale - 1.0).abs() < 1e-6, "{error:?}");
+        let ConsiderSigmas { bias_rad, bank_scale } = settings.attitude_error_sigmas();
+        assert!((bias_rad / expected.bias_rad - 1.0).abs() < 0.003, "{expected:?}");
+        assert!((bank_scale / expected.bank_scale - 1.0).abs() < 1e-6, "{expected:?}");
     }
+}
+
+#[test]
+fn sensor_errors_convert_to_the_monitor_s_units() {
+    let settings = Settings { gyro_error_percent: 12.5, iron_drift_percent: 0.5, ..Settings::DEFAULT };
+    let expected = SensorErrorSigmas { gyro_scale: 0.125, hard_iron_drift_per_minute: 0.005 };
+    assert_eq!(settings.sensor_error_sigmas(), expected);
 }
 
 /// Every value at an end of a range, every choice, and the special ones: no angle, a key and none.
@@ -94,6 +101,48 @@ fn words_have_their_values() {
     }
 }
 
+#[test]
+fn numbers_convert_to_values_of_the_setting_s_kind() {
+    for (name, number, value) in [
+        ("STREAM_RATE", 20.0, Some(SettingValue::Whole(20))),
+        ("STREAM_RATE", 20.5, None),
+        ("STREAM_RATE", -1.0, None),
+        ("BAUD1", 57_600.0, Some(SettingValue::Whole(57_600))),
+        ("ACCURACY", 0.5, Some(SettingValue::Number(Some(0.5)))),
+        ("SIGNING", 1.0, None),
+    ] {
+        let setting = Setting::from_parameter_name(name.as_bytes()).unwrap();
+        assert_eq!(setting.number_value(number), value, "{name} {number}");
+    }
+    for (name, baud) in BaudRate::NAMED_CHOICES {
+        assert_eq!(name.parse(), Ok(baud.bits_per_s()));
+    }
+}
+
+/// Numbers of another compass are forgotten; a number without a compass belongs to all.
+#[test]
+fn replaced_numbers_belong_to_one_compass() {
+    let with_number = |numbers: ReplacedNumbers, row, compass, number| {
+        numbers.with_number(ReplacedNumber { row, compass, number: Some(number) })
+    };
+    let numbers = with_number(with_number(ReplacedNumbers::NONE, 3, (0, 0), 7.0), 4, (2, 1), -1.0);
+    for (row, compass, number) in [
+        (3, (0, 0), Some(7.0)),
+        (3, (2, 1), Some(7.0)),
+        (4, (2, 1), Some(-1.0)),
+        (4, (1, 1), None),
+        (5, (2, 1), None),
+        (99, (2, 1), None),
+    ] {
+        assert_eq!(numbers.number(row, compass), number, "{row} {compass:?}");
+    }
+    let of_other = with_number(numbers, 4, (1, 2), 2.0);
+    assert_eq!((numbers.compass(), of_other.compass()), ((2, 1), (1, 2)));
+    assert_eq!([3, 4].map(|row| of_other.number(row, (1, 2))), [None, Some(2.0)]);
+    let restored = of_other.with_number(ReplacedNumber { row: 4, compass: (1, 2), number: None });
+    assert_eq!(restored.number(4, (1, 2)), None);
+}
+
 /// A refusal names the ends of the range.
 #[test]
 fn a_refusal_names_the_range() {
@@ -126,8 +175,8 @@ fn rows_have_unique_tags_positions_and_short_names() {
 #[test]
 fn two_settings_of_a_command_change_together() {
     let change = SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 3.0]));
-    let attitude_error = AttitudeErrorSetting { bias_deg: 1.5, bank_percent: 3.0 };
-    assert_eq!(Settings::DEFAULT.with_setting(change), Ok(Settings { attitude_error, ..Settings::DEFAULT }));
+    let expected = Settings { attitude_bias_deg: 1.5, bank_scale_error_percent: 3.0, ..Settings::DEFAULT };
+    assert_eq!(Settings::DEFAULT.with_setting(change), Ok(expected));
     let refused = Settings::DEFAULT
         .with_setting(SettingChange::new("ATT_ERROR_DEG", SettingValue::Numbers([1.5, 20.1])))
         .unwrap_err();
@@ -141,9 +190,11 @@ fn a_signing_key_is_not_printed() {
 }
 
 #[test]
-fn a_factory_reset_keeps_the_alignment() {
-    let used = Settings { align_deg: 5.0, attitude_rate_hz: 20, ..Settings::DEFAULT };
-    assert_eq!(used.factory_reset(), Settings { align_deg: 5.0, ..Settings::DEFAULT });
+fn a_factory_reset_keeps_the_alignment_and_the_autopilot_s_numbers() {
+    let replaced = ReplacedNumber { row: 3, compass: (1, 1), number: Some(7.0) };
+    let replaced_numbers = ReplacedNumbers::NONE.with_number(replaced);
+    let kept = Settings { align_deg: 5.0, replaced_numbers, ..Settings::DEFAULT };
+    assert_eq!(Settings { attitude_rate_hz: 20, ..kept }.factory_reset(), kept);
 }
 
 /// The alignment is computed from headings, so only loading checks its range.
@@ -159,7 +210,9 @@ fn solves_use_mounting_inclination_and_the_attitude_s_error() {
     let used: Vec<&str> = SETTINGS
         .iter()
         .filter(|setting| {
-            setting.change_to(setting.value(&Settings::DEFAULT)).is_some_and(SettingChange::is_used_by_solves)
+            setting
+                .change_to(setting.value(&Settings::DEFAULT))
+                .is_some_and(|change| change.affects(DependentState::Solve))
         })
         .map(|setting| setting.parameter_name)
         .collect();

@@ -273,7 +273,7 @@ fn visit_setting(tag: u8, settings: &mut Settings, visitor: &mut impl FieldVisit
             choice.set_number(number);
         }
         Some(SettingKind::Whole(field, ..)) => visitor.visit_optional(tag, field(settings)),
-        Some(SettingKind::Number(field, ..) | SettingKind::Alignment(field)) => {
+        Some(SettingKind::Number(field, ..) | SettingKind::Alignment(field, _)) => {
             visitor.visit_optional(tag, field(settings));
         }
         Some(SettingKind::Angle(field, ..)) => visitor.visit_optional(tag, field(settings)),

@@ -8,7 +8,7 @@ use crate::devices::uart::HostEnd;
 use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
 use crate::world::World;
-use crate::world::attitude_source::{AttitudeSource, AttitudeSourceConfig, SenderIdentity, SenderKind};
+use crate::world::attitude_source::{AttitudeSourceConfig, SenderIdentity, SenderKind, SimulatedAttitudeSource};
 pub use crate::world::fault_interfaces::AttitudeFault;
 use crate::world::gauss_markov::FirstOrderProcess;
 
@@ -30,7 +30,8 @@ impl SecondSender {
     pub fn run_sender(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
         let Self { system_id, component_id, heartbeat_kind, roll_error_deg } = self;
         let config = world.world_config();
-        let source = AttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
+        let source =
+            SimulatedAttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
         let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0, 0.0]);
         source.with_identity(SenderIdentity { system_id, component_id, heartbeat_kind }).run_source(
             world.clone(),

@@ -8,7 +8,7 @@ use testkit::clock;
 
 use super::fault_switch::FaultSwitch;
 use crate::devices::uart::HostEnd;
-use crate::world::attitude_source::{AttitudeSource, SenderIdentity, SenderKind};
+use crate::world::attitude_source::{SenderIdentity, SenderKind, SimulatedAttitudeSource};
 use crate::world::autopilot::Leg;
 use crate::world::{World, WorldConfig};
 
@@ -80,7 +80,7 @@ async fn simulate_other_vehicle(system_id: u8, own_world: World, uart: HostEnd) 
 async fn send_forged_message(
     switch: FaultSwitch,
     message: ForgedMessage,
-    mut autopilot: AttitudeSource,
+    mut autopilot: SimulatedAttitudeSource,
     uart: HostEnd,
 ) {
     if message == ForgedMessage::NoAutopilot {

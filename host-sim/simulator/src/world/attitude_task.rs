@@ -3,22 +3,23 @@
 use embassy_time::{Instant, Timer};
 use testkit::clock;
 
-use super::attitude_source::{AttitudeSource, HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind};
+use super::attitude_source::{HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind, SimulatedAttitudeSource};
 use super::fault_interfaces::{AttitudeFault, is_silent};
 use super::flight_place::XIAN_POSITION;
 use super::simulated_world::World;
 use crate::devices::uart::HostEnd;
 
 impl World {
-    /// Attitude source of this world; spawn its [`run_source`](AttitudeSource::run_source) as a task.
+    /// Attitude source of this world; spawn its [`run_source`](SimulatedAttitudeSource::run_source) as a task.
     #[must_use]
-    pub fn attitude_source(&self) -> AttitudeSource {
+    pub fn attitude_source(&self) -> SimulatedAttitudeSource {
         let config = self.world_config();
-        AttitudeSource::new(config.attitude_source, config.gyro, config.seed).with_vehicle_kind(config.aircraft.kind)
+        SimulatedAttitudeSource::new(config.attitude_source, config.gyro, config.seed)
+            .with_vehicle_kind(config.aircraft.kind)
     }
 }
 
-impl AttitudeSource {
+impl SimulatedAttitudeSource {
     /// Sends attitude, heartbeats (1 Hz) and, as far as reported, position and date (1 Hz) and current (10 Hz) while
     /// the [world enables sending](World::set_sends_attitude); never returns. Faults modify each attitude message in
     /// order.

@@ -9,7 +9,7 @@ use mavlink_dialect::ATTITUDE_DATA;
 use testkit::clock;
 use testkit::simulation::{ExecutorLevel, Simulation};
 
-use super::attitude_source::AttitudeSource;
+use super::attitude_source::SimulatedAttitudeSource;
 use super::fault_interfaces::{AttitudeFault, is_silent};
 use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US, XIAN_POSITION};
 use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
@@ -141,7 +141,7 @@ async fn run_msp(
     device: Rc<RefCell<MspAutopilot>>,
     world: World,
     uart: HostEnd,
-    mut source: AttitudeSource,
+    mut source: SimulatedAttitudeSource,
     mut faults: Vec<Box<dyn AttitudeFault>>,
 ) {
     let latency_us = source.latency_us();

@@ -8,10 +8,9 @@ use crate::app::task_links::{AutopilotLine, publish_value};
 use crate::wire::dronecan::{DataType, Targetted};
 use autoswing::instrument::Estimate;
 use autoswing_module::messages::Message;
-use autoswing_module::settings::{CanSettings, PortNumber, ProtocolKind, Settings, SigningKey};
+use autoswing_module::settings::{PortNumber, ProtocolKind, Settings, SigningKey};
 
-const CAN_SETTINGS: CanSettings = CanSettings { node: OWN_NODE, is_terminated: true, ..CanSettings::DEFAULT };
-const SETTINGS_WITH_NODE: Settings = Settings { can: CAN_SETTINGS, ..Settings::DEFAULT };
+const SETTINGS_WITH_NODE: Settings = Settings { can_node: OWN_NODE, can_is_terminated: true, ..Settings::DEFAULT };
 
 fn publish_settings(bench: &TaskBench, settings: Settings) {
     publish_value(&bench.links.settings, settings);
@@ -40,10 +39,7 @@ fn run_node(bench: &mut TaskBench, bus: &FakeCanBus) {
 fn the_termination_is_as_set() {
     let (mut bench, bus) = bench_with_node();
     assert_eq!(bus.termination_states.take(), [true]);
-    publish_settings(
-        &bench,
-        Settings { can: CanSettings { is_terminated: false, ..CAN_SETTINGS }, ..SETTINGS_WITH_NODE },
-    );
+    publish_settings(&bench, Settings { can_is_terminated: false, ..SETTINGS_WITH_NODE });
     publish_estimates(&mut bench, 50);
     assert_eq!(bus.termination_states.take(), [false]);
 }

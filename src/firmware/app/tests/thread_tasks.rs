@@ -233,9 +233,7 @@ fn a_selected_protocol_is_found_once_the_settings_are_known() {
             |links| async move { result.set(Some(port::has_protocol(&links, PortNumber::One).await)) },
         );
         if let Some(protocol) = selected {
-            let mut settings = Settings::DEFAULT;
-            settings.ports[0].protocol = protocol;
-            publish_value(&bench.links.settings, settings);
+            publish_value(&bench.links.settings, Settings { port1_protocol: protocol, ..Settings::DEFAULT });
         }
         bench.run_for_ms(10);
         assert_eq!(found.get(), expected, "{selected:?}");

@@ -24,7 +24,7 @@ use autoswing_firmware::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use autoswing_firmware::wire::mavlink::{self, Address, OutboundMessage, Pose, Signatures};
 use autoswing_firmware::wire::{msp, nmea};
 use autoswing_module::compass::IndicatorState;
-use autoswing_module::settings::{CanSettings, HeadingKind, ProtocolKind, Settings};
+use autoswing_module::settings::{HeadingKind, ProtocolKind, Settings};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::Write as _;
@@ -281,12 +281,11 @@ fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> 
 /// Largest instruction count of a poll of the CAN node that sends a field alone, with its frame.
 #[inline(never)]
 fn can_field_instructions() -> Option<u64> {
-    let can = CanSettings { node: 42, ..CanSettings::DEFAULT };
-    let settings = Settings { can, ..Settings::DEFAULT };
+    let settings = Settings { can_node: 42, ..Settings::DEFAULT };
     let software = SoftwareVersion::from_firmware(None);
     let mut node = CanNode::new(
         NodeInfo { node_name: "", software_version: software, hardware_version: [1, 0], unique_id: [7; 16] },
-        can,
+        settings.can_node,
     );
     // The node sends nothing before it has received a frame.
     node.receive_frame(Timestamp::START, &CanFrame::new(0, &[])?, &mut |_| {});

@@ -36,7 +36,7 @@ use embassy_executor::{InterruptExecutor, SendSpawner};
 pub use self::flash::StoreFlash;
 use self::i2c::SensorBus;
 use self::registers::{Interrupt, Vector};
-pub use self::sensor::Sensor as Magnetometer;
+pub use self::sensor::EmulatedMagnetometer as Magnetometer;
 pub use self::uart::UartTx;
 use self::uart::{AUTOPILOT, CONSOLE, INSTRUMENT, LOCKSTEP, ReceiveQueue};
 use super::hardware::{self, PortAndConsoleUarts};

@@ -1,6 +1,6 @@
 //! Magnetometer of the machine: QEMU's model of the LSM303DLHC.
 
-use autoswing::frames::{Field, Sensor as SensorFrame};
+use autoswing::frames::{Field, Sensor};
 use autoswing::reading::{Identity, Reading};
 use autoswing_firmware::chip::{ChipError, MeasuringChip};
 use autoswing_firmware::magnetometer::Magnetometer;
@@ -13,15 +13,15 @@ use super::i2c::{NoAcknowledge, SensorBus};
 const OFFSET_COUNTS: [f32; 3] = [1023.0, 1023.0, 1019.0];
 const UT_PER_COUNT: [f32; 3] = [100.0 / 1100.0, 100.0 / 1100.0, 100.0 / 980.0];
 
-pub struct Sensor(Lsm303dlhc<SensorBus>);
+pub struct EmulatedMagnetometer(Lsm303dlhc<SensorBus>);
 
-impl Sensor {
+impl EmulatedMagnetometer {
     pub const fn new(bus: SensorBus) -> Self {
         Self(Lsm303dlhc::new(bus))
     }
 }
 
-impl MeasuringChip for Sensor {
+impl MeasuringChip for EmulatedMagnetometer {
     type BusError = NoAcknowledge;
     type Identity = Identity;
     type Measurement = Reading;
@@ -34,7 +34,7 @@ impl MeasuringChip for Sensor {
         let reading = self.0.read_measurement().await?;
         let offset_ut: [f32; 3] = core::array::from_fn(|axis| OFFSET_COUNTS[axis] * UT_PER_COUNT[axis]);
         let ut = reading.field.ut - nalgebra::Vector3::from(offset_ut);
-        Ok(Reading { field: Field::<SensorFrame>::new(ut), ..reading })
+        Ok(Reading { field: Field::<Sensor>::new(ut), ..reading })
     }
 
     async fn verify_configuration(&mut self) -> Result<(), ChipError<NoAcknowledge>> {
@@ -46,7 +46,7 @@ impl MeasuringChip for Sensor {
     }
 }
 
-impl Magnetometer for Sensor {
+impl Magnetometer for EmulatedMagnetometer {
     fn equal_readings_until_stuck(&self) -> u16 {
         self.0.equal_readings_until_stuck()
     }

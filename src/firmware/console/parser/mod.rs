@@ -237,7 +237,7 @@ fn parse_value(argument: CommandArgument, typed: &str) -> Option<ArgumentValue> 
 /// Parses a value that is not one of the setting's words.
 fn parse_setting_value(setting: &Setting, typed: &str) -> Option<SettingValue> {
     match setting.kind {
-        SettingKind::Switch(..) | SettingKind::Choice(_) | SettingKind::Alignment(_) => None,
+        SettingKind::Switch(..) | SettingKind::Choice(_) | SettingKind::Alignment(..) => None,
         SettingKind::Whole(..) => typed.parse::<u8>().ok().map(|number| SettingValue::Whole(number.into())),
         SettingKind::Number(..) | SettingKind::Angle(..) => {
             decimal::parse_decimal(typed).map(|number| SettingValue::Number(Some(number)))

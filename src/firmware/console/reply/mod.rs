@@ -12,6 +12,7 @@ use crate::health::{Diagnostics, ResetCause};
 use autoswing::decimal::ShortestDecimal;
 use autoswing_module::compass::{AutopilotAction, Command, Reply, StatusReport};
 use autoswing_module::messages::{Message, Refusal};
+use autoswing_module::settings::DependentState;
 use calibration::{CalibrationTitle, write_advice, write_calibration};
 pub use error::write_line_error;
 use error::write_refusal;
@@ -82,7 +83,7 @@ fn write_state_after_change(out: &mut impl Write, command: Command, report: &Sta
         (Command::Set(change), _) => {
             out.write_str("ok ")?;
             write_setting_line(out, change.setting.status_texts[0], " ", report)?;
-            let state = if change.is_of_calibration() { report.module_state.state_name() } else { "" };
+            let state = if change.affects(DependentState::Calibration) { report.module_state.state_name() } else { "" };
             writeln!(out, "{}{state}", if state.is_empty() { "" } else { "; " })
         }
         (Command::Align(_) | Command::AlignConfirmed(_), _) => {

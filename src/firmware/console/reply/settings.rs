@@ -60,7 +60,7 @@ fn write_setting_value(out: &mut impl Write, setting: &Setting, report: &StatusR
         SettingKind::Angle(field, _, of_model, unset_text) => {
             write_angle(out, *field(settings), report.local_field.model_field().and_then(of_model), unset_text)
         }
-        SettingKind::Alignment(field) => write!(out, "{}", Decimal::<1>(*field(settings))),
+        SettingKind::Alignment(field, _) => write!(out, "{}", Decimal::<1>(*field(settings))),
         SettingKind::Key(field) => out.write_str(if field(settings).is_some() { "on" } else { "off" }),
     }
 }

@@ -40,7 +40,7 @@ use autoswing::time::Timestamp;
 use autoswing::trig::sqrt;
 use autoswing_module::compass::Command;
 use autoswing_module::messages::{Message as Notice, Refusal};
-use autoswing_module::settings::{CanSettings, Settings};
+use autoswing_module::settings::Settings;
 pub use firmware_update::{BOOT_LOADER_HANDOVER_LENGTH, UpdateForBootLoader};
 use frame_outbox::FrameOutbox;
 use log_message_queue::LogMessageQueue;
@@ -111,11 +111,11 @@ pub struct CanNode {
 }
 
 impl CanNode {
-    /// Creates a node.
+    /// Creates a node with a number; 0 asks the allocator for one.
     #[must_use]
-    pub fn new(info: NodeInfo, settings: CanSettings) -> Self {
+    pub fn new(info: NodeInfo, number: u8) -> Self {
         Self {
-            node_address: NodeId::new(settings.node).map_or(NodeAddress::Unallocated, NodeAddress::Configured),
+            node_address: NodeId::new(number).map_or(NodeAddress::Unallocated, NodeAddress::Configured),
             allocation: AllocationClient::new(info.unique_id),
             info,
             is_safe_mode: false,
@@ -138,7 +138,7 @@ impl CanNode {
     /// Creates a node for safe mode. Settings are not loaded there: it asks for a number, and the allocator remembers it.
     #[must_use]
     pub fn in_safe_mode(info: NodeInfo) -> Self {
-        Self { is_safe_mode: true, ..Self::new(info, CanSettings::DEFAULT) }
+        Self { is_safe_mode: true, ..Self::new(info, Settings::DEFAULT.can_node) }
     }
 
     /// Refuses firmware updates, on a board whose boot loader does not load them over the bus.
@@ -324,7 +324,7 @@ impl CanNode {
     }
 
     fn queue_field(&mut self, own_node: NodeId, snapshot: &Snapshot<'_>) {
-        let CanSettings { rate_hz, sends_covariance, .. } = snapshot.settings.can;
+        let Settings { can_rate_hz: rate_hz, can_sends_covariance: sends_covariance, .. } = *snapshot.settings;
         let Some(field) = snapshot.estimate.compass_field.filter(|_| !self.has_number_conflict(snapshot.now)) else {
             return;
         };

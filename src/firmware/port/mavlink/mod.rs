@@ -34,7 +34,7 @@ use crate::port::message_schedule::MessageSchedule;
 use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
-use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, ParameterRequest, Pose};
+use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, Pose, ReceivedParameterRequest};
 use autopilot_parameters::AutopilotParameters;
 use autoswing::attitude::{AttitudeReport, SenderId, SenderSelector};
 use autoswing::calibration::Calibration;
@@ -190,7 +190,8 @@ impl Mavlink {
                 None
             }
             InboundMessage::ParameterRequest(target, request)
-                if is_own(target) && (target.component_id == own_component || request == ParameterRequest::List) =>
+                if is_own(target)
+                    && (target.component_id == own_component || request == ReceivedParameterRequest::List) =>
             {
                 self.own_parameters.process_request(&request).map(ReceivedMessage::Command)
             }

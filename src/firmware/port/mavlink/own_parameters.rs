@@ -4,7 +4,7 @@
 //! whether there is one; it is not written.
 
 use super::transmitter::Transmitter;
-use crate::wire::mavlink::{OutboundMessage, ParameterEncoding, ParameterRequest};
+use crate::wire::mavlink::{OutboundMessage, ParameterEncoding, ReceivedParameterRequest};
 use autoswing_module::compass::Command;
 use autoswing_module::messages::ParameterName;
 use autoswing_module::settings::{Setting, SettingValue, Settings};
@@ -20,15 +20,15 @@ pub(super) struct OwnParameters {
 
 impl OwnParameters {
     /// Processes a request; returns the command that changes a setting.
-    pub fn process_request(&mut self, request: &ParameterRequest) -> Option<Command> {
+    pub fn process_request(&mut self, request: &ReceivedParameterRequest) -> Option<Command> {
         match request {
-            ParameterRequest::List => self.next_of_list = Some(0),
-            ParameterRequest::Read { name, index } => {
+            ReceivedParameterRequest::List => self.next_of_list = Some(0),
+            ReceivedParameterRequest::Read { name, index } => {
                 let position = u8::try_from(*index).ok();
                 let setting = setting_by_name(*name).filter(|_| position.is_none());
                 self.requested = setting.map(|setting| setting.parameter_index).or(position);
             }
-            ParameterRequest::Write(parameter) => {
+            ReceivedParameterRequest::Write(parameter) => {
                 let setting = setting_by_name(parameter.name)?;
                 let value = parameter.number(ParameterEncoding::Cast).and_then(|number| setting.number_value(number));
                 let change = value.and_then(|value| setting.change_to(value));

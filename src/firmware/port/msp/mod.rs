@@ -15,7 +15,7 @@ use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::msp::{
-    AutopilotFirmware, MspAngles, MspFunction, MspReceiver, MspReply, Setting, compass_message, encode_request,
+    AutopilotFirmware, MspAngles, MspFunction, MspReceiver, MspReply, SettingInfo, compass_message, encode_request,
     encode_setting_request, inav_body_rates_rad_s,
 };
 use autoswing::attitude::{AttitudeReport, BodyRates, RateEstimator, SenderId};
@@ -72,7 +72,7 @@ pub struct Msp {
     next_periodic_index: usize,
     autopilot_session: AutopilotSession,
     /// Setting of INAV that was read last.
-    last_setting: Option<Setting>,
+    last_setting: Option<SettingInfo>,
 }
 
 impl Msp {

@@ -39,7 +39,7 @@ pub enum InboundMessage {
     /// PARAM_VALUE: parameter of the sender.
     Parameter(SenderId, ReceivedParameter),
     /// PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET, and its addressee.
-    ParameterRequest(Address, ParameterRequest),
+    ParameterRequest(Address, ReceivedParameterRequest),
 }
 
 /// Received command.
@@ -59,7 +59,7 @@ pub struct ReceivedCommand {
 
 /// Request for the parameters of an addressee.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ParameterRequest {
+pub enum ReceivedParameterRequest {
     /// Send all.
     List,
     /// Send one.
@@ -333,13 +333,13 @@ fn parse_parameter_read(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     const NAME_OFFSET: usize = 4;
     let fields = PayloadReader(payload);
     let request =
-        ParameterRequest::Read { name: fields.read_name(NAME_OFFSET), index: fields.read_u16(0).cast_signed() };
+        ReceivedParameterRequest::Read { name: fields.read_name(NAME_OFFSET), index: fields.read_u16(0).cast_signed() };
     Some(InboundMessage::ParameterRequest(fields.read_address(TARGET_OFFSET), request))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_parameter_list(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    Some(InboundMessage::ParameterRequest(PayloadReader(payload).read_address(0), ParameterRequest::List))
+    Some(InboundMessage::ParameterRequest(PayloadReader(payload).read_address(0), ReceivedParameterRequest::List))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
@@ -347,6 +347,6 @@ fn parse_parameter_write(_: SenderId, payload: &[u8]) -> Option<InboundMessage> 
     const TARGET_OFFSET: usize = 4;
     const NAME_OFFSET: usize = 6;
     let fields = PayloadReader(payload);
-    let request = ParameterRequest::Write(fields.read_parameter(NAME_OFFSET));
+    let request = ReceivedParameterRequest::Write(fields.read_parameter(NAME_OFFSET));
     Some(InboundMessage::ParameterRequest(fields.read_address(TARGET_OFFSET), request))
 }

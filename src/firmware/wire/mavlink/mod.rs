@@ -22,7 +22,7 @@ mod signature;
 use autoswing::attitude::SenderId;
 pub use frame::Address;
 use frame::{V1_HEADER_LENGTH, V1_START_BYTE, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
-pub use inbound::{Acknowledgement, InboundMessage, ParameterRequest, ReceivedCommand};
+pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand, ReceivedParameterRequest};
 use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
 pub use outbound::{EncodedFrame, MagCalReport, OutboundMessage, Pose};
 pub use parameter::{ParameterEncoding, ReceivedParameter};

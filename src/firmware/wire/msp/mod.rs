@@ -159,7 +159,7 @@ pub enum MspReply {
     /// Date; none if the clock was never set.
     Rtc(Option<Date>),
     /// Setting of INAV.
-    Setting(Setting),
+    Setting(SettingInfo),
     /// A setting was changed, or all were saved.
     Done,
     /// Function that the autopilot does not support: an error frame, or a reply without a payload, which ArduPilot
@@ -167,9 +167,9 @@ pub enum MspReply {
     Refused(MspFunction),
 }
 
-/// Setting of INAV.
+/// Setting of INAV, as MSP2_COMMON_SETTING_INFO reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setting {
+pub struct SettingInfo {
     /// Name of the setting.
     pub name: ParameterName,
     /// Number, of a choice its position.
@@ -303,7 +303,7 @@ fn decode_reply(frame: &[u8]) -> Option<MspReply> {
 
 /// Name, parameter group, type, section, mode, least and largest number, index, profile and number of profiles; the names
 /// of all choices; the number (INAV, fc_msp.c, `mspSettingInfoCommand`; settings.h, `setting_type_e`).
-fn parse_setting(payload: &[u8]) -> Option<Setting> {
+fn parse_setting(payload: &[u8]) -> Option<SettingInfo> {
     const FIELDS_LENGTH: usize = 17;
     const MAX_INTEGER_KIND: u8 = 4;
     let name_length = payload.iter().position(|byte| *byte == 0)?;
@@ -319,7 +319,7 @@ fn parse_setting(payload: &[u8]) -> Option<Setting> {
     let mut bytes = [if is_negative { 0xFF } else { 0 }; 4];
     bytes.iter_mut().zip(number).for_each(|(target, byte)| *target = *byte);
     let msp_choice = choices.split(|byte| *byte == 0).position(|choice| choice == b"MSP").filter(|_| mode != 0);
-    Some(Setting {
+    Some(SettingInfo {
         name: ParameterName::new(core::str::from_utf8(name).ok()?),
         number: i32::from_le_bytes(bytes) as f32,
         length: length as u8,

@@ -255,7 +255,7 @@ fn settings_of_inav_have_their_number_and_the_choice_of_msp() {
         (3, 0, vec![0x7C, 0xFC], -900.0, 2, None),
         (4, 0, vec![1, 2, 0, 0], 513.0, 4, None),
     ] {
-        let setting = Setting { name, number, length, msp_choice };
+        let setting = SettingInfo { name, number, length, msp_choice };
         assert_eq!(info(kind, mode, &values), Some(MspReply::Setting(setting)), "{kind}");
     }
     for (kind, values) in [(5, [0; 4]), (6, [0; 4]), (255, [0; 4])] {

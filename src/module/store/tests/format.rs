@@ -5,20 +5,21 @@ use autoswing::inertial::SensorOffsets;
 use serde::Serialize;
 
 use super::*;
-use crate::settings::{AttitudeErrorSetting, BaudRate, CanSettings, SensorErrorSetting, SigningKey};
+use crate::settings::{BaudRate, SigningKey};
 
 fn stored_state() -> StoredState {
-    let mut settings = Settings {
+    let settings = Settings {
         inclination_deg: Some(-60.0),
         align_deg: 3.5,
         stream_rate_hz: 25,
         mount: Orientation::from_name("yaw90").unwrap(),
-        attitude_error: AttitudeErrorSetting { bias_deg: 0.5, bank_percent: 2.0 },
+        attitude_bias_deg: 0.5,
+        bank_scale_error_percent: 2.0,
+        port1_baud: BaudRate::B460800,
+        port2_protocol: ProtocolKind::Msp,
         sends_vision_yaw: true,
         ..settings()
     };
-    settings.ports[0].baud = BaudRate::B460800;
-    settings.ports[1].protocol = ProtocolKind::Msp;
     StoredState {
         save_count: 300,
         current_slot: Some(SlotReference { slot: 2, crc: 0x1234_5678 }),
@@ -101,11 +102,18 @@ fn pinned_calibration_bytes() -> Vec<u8> {
 #[test]
 fn stored_bytes_keep_their_meaning() {
     let mut state = stored_state();
-    state.settings.signing_key = Some(SigningKey([7; 32]));
-    state.settings.can = CanSettings { node: 42, rate_hz: 20, sends_covariance: true, is_terminated: true };
-    state.settings.sensor_error = SensorErrorSetting { gyro_percent: 5.0, drift_percent: 0.5 };
-    state.settings.attitude_source = AttitudeSource::Own;
-    state.settings.component = 42;
+    state.settings = Settings {
+        signing_key: Some(SigningKey([7; 32])),
+        can_node: 42,
+        can_rate_hz: 20,
+        can_sends_covariance: true,
+        can_is_terminated: true,
+        gyro_error_percent: 5.0,
+        iron_drift_percent: 0.5,
+        attitude_source: AttitudeSource::Own,
+        component: 42,
+        ..state.settings
+    };
     assert_eq!(encoded_item(&state), bytes_from_hex(STATE));
     assert_eq!(fields::decode_fields(&field_bytes_of_item(&bytes_from_hex(STATE))), Ok(state));
     assert_eq!(encoded_item(&full_calibration_record()), pinned_calibration_bytes());
@@ -181,9 +189,9 @@ fn variants_keep_their_numbers() {
     }
     assert_numbers(&[MagnetometerModel::Lis3mdl, MagnetometerModel::Lsm303dlhc, MagnetometerModel::Rm3100]);
     assert_numbers(&[AttitudeEnvelope::Banked, AttitudeEnvelope::Level]);
-    assert_numbers(HeadingKind::ALL_CHOICES);
-    assert_numbers(ProtocolKind::ALL_CHOICES);
-    assert_numbers(BaudRate::ALL_CHOICES);
+    assert_numbers(&HeadingKind::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
+    assert_numbers(&ProtocolKind::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
+    assert_numbers(&BaudRate::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
     assert_numbers(&[
         Method::Level,
         Method::FourEllipse,

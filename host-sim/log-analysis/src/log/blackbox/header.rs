@@ -14,7 +14,7 @@ pub struct BlackboxHeader(HashMap<String, String>);
 
 /// Fields of a kind of frame. No frame is read if the header declares them wrongly.
 #[derive(Default)]
-pub struct FrameLayout {
+pub struct FrameFields {
     pub names: Vec<String>,
     predictors: Vec<u8>,
     encodings: Vec<u8>,
@@ -52,7 +52,7 @@ impl BlackboxHeader {
     }
 
     /// Fields of the frames that begin with this letter.
-    pub fn layout(&self, letter: char) -> FrameLayout {
+    pub fn layout(&self, letter: char) -> FrameFields {
         let values = |letter: char, property: &str| {
             let text = self.text(&format!("Field {letter} {property}"));
             text.split(',').map(|value| value.trim().to_owned()).take(MAX_FIELDS).collect::<Vec<_>>()
@@ -62,9 +62,9 @@ impl BlackboxHeader {
         let names = values(if letter == 'P' { 'I' } else { letter }, "name");
         let (predictors, encodings): (Vec<u8>, Vec<u8>) = (numbers("predictor"), numbers("encoding"));
         if [predictors.len(), encodings.len()] != [names.len(); 2] {
-            return FrameLayout::default();
+            return FrameFields::default();
         }
-        FrameLayout {
+        FrameFields {
             first_motor: names.iter().position(|name| name == "motor[0]"),
             names,
             predictors,
@@ -76,7 +76,7 @@ impl BlackboxHeader {
     }
 }
 
-impl FrameLayout {
+impl FrameFields {
     pub fn index(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|known| known == name)
     }

@@ -12,7 +12,7 @@ mod recorder;
 use std::io::{self, Read};
 
 use self::encoding::FrameBytes;
-use self::header::{BlackboxHeader, FrameLayout, PrecedingFrames};
+use self::header::{BlackboxHeader, FrameFields, PrecedingFrames};
 use self::recorder::MainRecorder;
 use super::flight::{Gps, LoggedFlight};
 use super::read_window::ReadWindow;
@@ -98,7 +98,7 @@ fn read_header(window: &mut ReadWindow<'_>) -> io::Result<BlackboxHeader> {
 struct FlightReader {
     main: MainRecorder,
     /// Layouts by the letter; I and P frames have the same fields.
-    layouts: [FrameLayout; FRAME_LETTERS.len()],
+    layouts: [FrameFields; FRAME_LETTERS.len()],
     /// The last two main frames; empty after damage, until the next I frame.
     last_frames: [Vec<i32>; 2],
     home: Option<[i32; 2]>,

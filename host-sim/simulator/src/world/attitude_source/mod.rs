@@ -114,7 +114,7 @@ pub struct ReportedAttitude {
 
 /// Attitude source with its noise processes.
 #[derive(Clone, Debug)]
-pub struct AttitudeSource {
+pub struct SimulatedAttitudeSource {
     pub(super) config: AttitudeSourceConfig,
     gyro_config: GyroConfig,
     gyro: Gyro,
@@ -133,7 +133,7 @@ pub struct AttitudeSource {
     sequence: u8,
 }
 
-impl AttitudeSource {
+impl SimulatedAttitudeSource {
     /// A source with the autopilot's identity in an aeroplane.
     #[must_use]
     pub fn new(config: AttitudeSourceConfig, gyro_config: GyroConfig, seed: u64) -> Self {

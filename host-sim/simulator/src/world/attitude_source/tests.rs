@@ -40,7 +40,7 @@ fn simulate_source(config: AttitudeSourceConfig, seed: u64, seconds: u64) -> (Wo
             log.borrow_mut().extend(buffer[..count].iter().map(|&byte| TimedByte { arrives_at_us: at_us, byte }));
         }
     });
-    let source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, seed);
+    let source = SimulatedAttitudeSource::new(config, GyroConfig::ERROR_FREE, seed);
     simulation.spawn(
         ExecutorLevel::World,
         "attitude source",
@@ -108,7 +108,7 @@ fn an_exact_source_reports_the_truth_after_its_latency() {
 #[test]
 fn attitude_errors_have_the_configured_statistics() {
     let config = AttitudeSourceConfig { latency_ms: 0.0, ..AttitudeSourceConfig::default() };
-    let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
+    let mut source = SimulatedAttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let bank_rad = 25_f64.to_radians();
     let truth = TrueState { roll_rad: bank_rad, ..TrueState::default() };
     let reports: Vec<ReportedAttitude> = (0..30_000).map(|_| source.next_report(&truth)).collect();
@@ -135,7 +135,7 @@ fn disturbing_acceleration_causes_a_slow_tilt_error() {
         bias_deg: 0.0,
         ..WorldConfig::of_table1(4).with_vehicle_kind(VehicleKind::Copter).attitude_source
     };
-    let mut source = AttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
+    let mut source = SimulatedAttitudeSource::new(config, GyroConfig::ERROR_FREE, 4);
     let mut tilt_errors_deg = |push_m_s2: f64| -> [Vec<f64>; 2] {
         let truth = TrueState { disturbing_acceleration_m_s2: push_m_s2, ..TrueState::default() };
         let reports: Vec<ReportedAttitude> = (0..200_000).map(|_| source.next_report(&truth)).collect();

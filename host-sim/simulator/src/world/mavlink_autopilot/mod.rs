@@ -1,4 +1,4 @@
-//! Simulated autopilot with bidirectional MAVLink and the attitude of an [`AttitudeSource`].
+//! Simulated autopilot with bidirectional MAVLink and the attitude of an [`SimulatedAttitudeSource`].
 //!
 //! A pure state machine: the caller passes time and bytes. It answers message requests as real firmwares do, as far as
 //! the module can observe. [`FarEnd`](super::cable_far_end::FarEnd) attaches it to a cable.
@@ -8,7 +8,7 @@ use mavlink_dialect::{
     MavResult, MavlinkVersion, Message, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
-use super::attitude_source::AttitudeSource;
+use super::attitude_source::SimulatedAttitudeSource;
 pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
 pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
 use super::parameter_table::ParameterTable;
@@ -84,7 +84,7 @@ const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 
 /// MAVLink autopilot.
 pub struct MavlinkAutopilot {
-    source: AttitudeSource,
+    source: SimulatedAttitudeSource,
     firmware: MavlinkFirmware,
     reported_position: Option<ReportedPosition>,
     started_us: u64,
@@ -106,7 +106,7 @@ pub struct MavlinkAutopilot {
 impl MavlinkAutopilot {
     /// An autopilot switched on at `now_us`, located in Xi'an.
     #[must_use]
-    pub fn new(source: AttitudeSource, firmware: MavlinkFirmware, now_us: u64) -> Self {
+    pub fn new(source: SimulatedAttitudeSource, firmware: MavlinkFirmware, now_us: u64) -> Self {
         let mut autopilot = Self {
             source: source.with_firmware(firmware.announced_firmware()),
             firmware,

@@ -88,15 +88,14 @@ impl Bench {
 
     /// Node 42, after a frame of another node.
     fn new() -> Self {
-        let can = CanSettings { node: OWN_NODE, ..CanSettings::DEFAULT };
-        let mut bench = Self::with_settings(1, Settings { can, ..Settings::DEFAULT });
+        let mut bench = Self::with_settings(1, Settings { can_node: OWN_NODE, ..Settings::DEFAULT });
         bench.deliver_transfer(PEER_NODE, &transfer_from_peer(DataType::ARMING_STATUS, 0, &[0]));
         bench
     }
 
     fn with_settings(first_id_byte: u8, settings: Settings) -> Self {
         Self {
-            node: CanNode::new(node_info(first_id_byte), settings.can),
+            node: CanNode::new(node_info(first_id_byte), settings.can_node),
             now_us: 0,
             settings,
             estimate: Estimate {

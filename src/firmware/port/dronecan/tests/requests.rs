@@ -57,7 +57,7 @@ fn parameters_are_set_by_commands_one_after_another() {
     }
     for (command, rate_hz) in commands.into_iter().zip([20, 30]) {
         assert_eq!(bench.commands.last(), Some(&command));
-        bench.settings.can.rate_hz = rate_hz;
+        bench.settings.can_rate_hz = rate_hz;
         bench.node.complete_command(command, Ok(()));
         assert_eq!(bench.run_for_response(GET_SET).unwrap()[..9], [1, rate_hz, 0, 0, 0, 0, 0, 0, 0]);
     }

@@ -13,7 +13,7 @@ fn the_field_is_sent_at_its_rate_in_gauss() {
     assert!(sent.len().abs_diff(500) <= 1, "{}", sent.len());
     assert!(sent.iter().all(|sent| sent.payload == [0x00, 0x66, 0x32, 0x66, 0xAA, 0x33, 0x37]));
     assert!(sent.iter().zip(sent.iter().skip(1)).all(|(one, next)| next.transfer_id == (one.transfer_id + 1) % 32));
-    bench.settings.can.rate_hz = 20;
+    bench.settings.can_rate_hz = 20;
     assert!(bench.sent_in_ms(FIELD_TYPE, 10_000).len().abs_diff(200) <= 1);
 }
 
@@ -32,7 +32,7 @@ fn no_field_is_sent_while_it_is_not_trusted() {
 #[test]
 fn the_covariance_is_that_of_the_heading_s_sigma() {
     let mut bench = Bench::new();
-    bench.settings.can.sends_covariance = true;
+    bench.settings.can_sends_covariance = true;
     let sent = bench.sent_in_ms(FIELD_TYPE, 100);
     let variances: Vec<f32> =
         sent[0].payload[7..].chunks(2).map(|pair| half::f16::from_le_bytes([pair[0], pair[1]]).to_f32()).collect();
@@ -53,7 +53,7 @@ fn max_frame_bits(frame: &CanFrame) -> usize {
 #[test]
 fn the_bus_load_is_between_1_and_2_percent() {
     let mut bench = Bench::new();
-    bench.settings.can.rate_hz = 80;
+    bench.settings.can_rate_hz = 80;
     let mut bits = 0;
     for _ in 0..10 * 80 {
         if bench.now_us.is_multiple_of(1_000_000) {
@@ -163,7 +163,7 @@ fn frames_that_the_bus_does_not_accept_are_dropped() {
 #[test]
 fn a_field_in_transmission_is_not_replaced() {
     let mut bench = Bench::new();
-    bench.settings.can.sends_covariance = true;
+    bench.settings.can_sends_covariance = true;
     for _ in 0..10 {
         bench.now_us += 20_000;
         bench.poll();

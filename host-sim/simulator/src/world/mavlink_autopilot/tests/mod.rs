@@ -55,7 +55,7 @@ struct Bench {
 
 impl Bench {
     fn new(firmware: MavlinkFirmware) -> Self {
-        let source = AttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 1);
+        let source = SimulatedAttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 1);
         Self {
             autopilot: MavlinkAutopilot::new(source, firmware, 0),
             module: Mavlink::new(),
