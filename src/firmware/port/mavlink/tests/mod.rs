@@ -63,7 +63,6 @@ struct MavlinkBench {
     settings: Settings,
     indicator_state: IndicatorState,
     calibration: Option<(Calibration, HeadingUncertainty)>,
-    has_other_mavlink_line: bool,
     /// Free bytes in the output, if limited.
     free_output_bytes: Option<usize>,
     sent_messages: Vec<SentMessage>,
@@ -81,7 +80,6 @@ impl MavlinkBench {
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
             calibration: None,
-            has_other_mavlink_line: false,
             free_output_bytes: None,
             sent_messages: vec![],
         }
@@ -118,7 +116,6 @@ impl MavlinkBench {
             indicator_state: self.indicator_state,
             calibration: self.calibration.as_ref(),
             can_node: None,
-            has_other_mavlink_line: self.has_other_mavlink_line,
         };
         let mut out = TransmitBuffer::new();
         let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
