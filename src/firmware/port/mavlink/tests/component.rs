@@ -107,13 +107,18 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
         if step % 100 == 0 {
             benches.iter_mut().for_each(|bench| drop(bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false))));
         }
+        // Both send before either receives.
+        let sent_messages = benches.each_mut().map(|bench| {
+            bench.run_ms(10);
+            std::mem::take(&mut bench.sent_messages)
+        });
+        for (used, sent) in used_components.iter_mut().zip(&sent_messages) {
+            used.extend(sent.iter().map(|sent| sent.sender[1]));
+        }
         for (from, to) in [(0, 1), (1, 0)] {
-            benches[from].run_ms(10);
-            for sent in std::mem::take(&mut benches[from].sent_messages) {
-                let component = sent.sender[1];
-                used_components[from].push(component);
+            for sent in &sent_messages[from] {
                 match sent.message_id {
-                    HEARTBEAT_ID if !used_components[to].contains(&component) => {
+                    HEARTBEAT_ID if !used_components[to].contains(&sent.sender[1]) => {
                         benches[to].receive(&mavlink_heartbeat(sent.sender, false, false));
                     }
                     NAMED_VALUE_ID => {
@@ -133,6 +138,10 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
 #[test]
 fn modules_that_take_one_component_together_part() {
     let mut benches = [listening_bench(false), listening_bench(false)];
+    benches[1].clock_offset_us = 5_000;
+    run_two_modules(&mut benches, 3);
+    // Clocks drift apart.
+    benches[1].clock_offset_us += 3;
     run_two_modules(&mut benches, 12);
     let components = benches.each_ref().map(|bench| bench.mavlink.component_claim.sender_component());
     assert!(components[0] != components[1] && !components.contains(&LISTENING_COMPONENT), "{components:?}");

@@ -59,6 +59,7 @@ impl SentMessage {
 struct MavlinkBench {
     mavlink: Mavlink,
     now_ms: u64,
+    clock_offset_us: u64,
     estimate: Estimate,
     settings: Settings,
     indicator_state: IndicatorState,
@@ -76,6 +77,7 @@ impl MavlinkBench {
         Self {
             mavlink,
             now_ms: 3_600_000,
+            clock_offset_us: 0,
             estimate: Estimate::EMPTY,
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
@@ -94,7 +96,7 @@ impl MavlinkBench {
     }
 
     fn now(&self) -> Timestamp {
-        Timestamp::from_us(1000 * self.now_ms)
+        Timestamp::from_us(1000 * self.now_ms + self.clock_offset_us)
     }
 
     fn receive(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
