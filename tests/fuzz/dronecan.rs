@@ -219,7 +219,6 @@ fn a_node_survives_any_frames() {
                 indicator_state: indicator,
                 calibration: None,
                 can_node: None,
-                has_other_mavlink_line: false,
             };
             let command = node.poll(&NodeContext { snapshot, stored_settings: &settings });
             if let Some(command) = command {

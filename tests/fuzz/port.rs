@@ -40,7 +40,6 @@ fn poll_output_length(port: &mut Port, now: Timestamp) -> usize {
         indicator_state: IndicatorState::Collecting(7),
         calibration: None,
         can_node: None,
-        has_other_mavlink_line: false,
     };
     port.poll(&snapshot);
     let sent_length = port.pending_output.pending_bytes().len();

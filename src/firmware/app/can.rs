@@ -8,7 +8,7 @@ use core::future::pending;
 use embassy_futures::select::{Either4, select4};
 use embassy_time::{Duration, Instant, Timer};
 
-use super::line::{calibration_to_report, route_message, with_snapshot};
+use super::line::{calibration_to_report, route_message, update_line_state, with_snapshot};
 use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
 use crate::port::{CanNode, NodeContext, Snapshot, UpdateForBootLoader};
@@ -16,6 +16,7 @@ use crate::wire::dronecan::CanFrame;
 use crate::wire::dronecan::outbound::NodeInfo;
 use autoswing::heading::NoHeading;
 use autoswing::instrument::Estimate;
+use autoswing::time::Timestamp;
 use autoswing_module::compass::IndicatorState;
 use autoswing_module::settings::{ProtocolKind, Settings};
 
@@ -145,10 +146,7 @@ pub async fn run_can<B: UpdateHandOver>(
 #[inline(never)]
 fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let now = now();
-    // Without an autopilot in the tunnel the bus is no line of MAVLink.
-    let has_autopilot = node.mavlink().is_armed(now).is_some();
-    let protocol = if has_autopilot { ProtocolKind::Mavlink } else { ProtocolKind::Auto };
-    links.update_line_state(AutopilotLine::Can, protocol, node.is_armed(now));
+    update_can_state(links, node, now);
     links.set_can_state(node.can_state(now));
     if let Some(action) = links.take_autopilot_action(AutopilotLine::Can) {
         node.mavlink().begin_autopilot_action(action);
@@ -159,7 +157,7 @@ fn poll_can_node(links: &TaskLinks, node: &mut CanNode, settings: &Settings) {
     let Some(stored_settings) = links.stored_settings.try_get() else { return };
     let mavlink = node.mavlink();
     let correction = calibration_to_report(links, |calibration| mavlink.is_unreported_calibration(calibration));
-    let command = with_snapshot(links, AutopilotLine::Can, now, settings, correction.as_ref(), |snapshot| {
+    let command = with_snapshot(links, now, settings, correction.as_ref(), |snapshot| {
         node.poll(&NodeContext { snapshot: *snapshot, stored_settings: &stored_settings })
     });
     links.send_command(AutopilotLine::Can, command.flatten());
@@ -177,9 +175,16 @@ fn poll_in_safe_mode(links: &TaskLinks, node: &mut CanNode, settings: &Settings)
         indicator_state: IndicatorState::Idle,
         calibration: None,
         can_node: None,
-        has_other_mavlink_line: false,
     };
-    links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, node.is_armed(now));
+    update_can_state(links, node, now);
     let command = node.poll(&NodeContext { snapshot, stored_settings: settings });
     links.send_command(AutopilotLine::Can, command);
+}
+
+/// Publishes the state of the bus. Without an autopilot in its tunnel it is no line of MAVLink.
+fn update_can_state(links: &TaskLinks, node: &mut CanNode, now: Timestamp) {
+    let is_armed = node.is_armed(now);
+    let mavlink = node.mavlink();
+    let protocol = if mavlink.is_armed(now).is_some() { ProtocolKind::Mavlink } else { ProtocolKind::Auto };
+    update_line_state(links, AutopilotLine::Can, protocol, is_armed, mavlink);
 }

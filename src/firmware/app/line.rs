@@ -2,13 +2,13 @@
 
 use super::task_links::{AttitudeInput, AutopilotLine, Timestamped, increment_counter, publish_value};
 use crate::app::task_links::TaskLinks;
-use crate::port::{ReceivedMessage, Snapshot};
+use crate::port::{Mavlink, ReceivedMessage, Snapshot};
 use crate::wire::dronecan::NodeId;
 use autoswing::calibration::Calibration;
 use autoswing::instrument::Correction;
 use autoswing::time::Timestamp;
 use autoswing_module::compass::IndicatorState;
-use autoswing_module::settings::Settings;
+use autoswing_module::settings::{ProtocolKind, Settings};
 
 /// Active calibration, if it is to be reported. It is large and rarely changes.
 pub(super) fn calibration_to_report(links: &TaskLinks, is_new: impl Fn(&Calibration) -> bool) -> Option<Correction> {
@@ -20,7 +20,6 @@ pub(super) fn calibration_to_report(links: &TaskLinks, is_new: impl Fn(&Calibrat
 /// Calls a function with a snapshot of the module's state; not before the first estimate.
 pub(super) fn with_snapshot<R>(
     links: &TaskLinks,
-    line: AutopilotLine,
     now: Timestamp,
     settings: &Settings,
     correction: Option<&Correction>,
@@ -30,16 +29,19 @@ pub(super) fn with_snapshot<R>(
     let calibration = correction.and_then(|correction| correction.calibration.as_ref());
     let can_node = links.can_state().and_then(|state| state.node).map(NodeId::number);
     let indicator_state = links.indicator_state.try_get().unwrap_or(IndicatorState::Idle);
-    let has_other_mavlink_line = links.has_other_mavlink_line(line);
-    Some(use_snapshot(&Snapshot {
-        now,
-        estimate: &estimate,
-        settings,
-        indicator_state,
-        calibration,
-        can_node,
-        has_other_mavlink_line,
-    }))
+    Some(use_snapshot(&Snapshot { now, estimate: &estimate, settings, indicator_state, calibration, can_node }))
+}
+
+/// Publishes a line's protocol and armed state, and passes to its MAVLink whether another line has an autopilot.
+pub(super) fn update_line_state(
+    links: &TaskLinks,
+    line: AutopilotLine,
+    protocol: ProtocolKind,
+    is_armed: Option<bool>,
+    mavlink: &mut Mavlink,
+) {
+    links.update_line_state(line, protocol, is_armed);
+    mavlink.set_has_other_line(links.lines_with_autopilot(ProtocolKind::Mavlink).any(|other| other != line));
 }
 
 /// Passes a received message to the task that needs it. `can_have_gyro`: whether this line's body rates are measured by

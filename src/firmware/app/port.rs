@@ -8,7 +8,7 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
-use super::line::{calibration_to_report, route_message, with_snapshot};
+use super::line::{calibration_to_report, route_message, update_line_state, with_snapshot};
 use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
 use crate::health::EventCounters;
@@ -86,18 +86,18 @@ pub async fn run_port(
                 // One text or one poll per reading limits the work; each takes about the same time.
                 match wires.messages.try_receive() {
                     Ok(message) if port.carries_texts() => port.mavlink.queue_text(&message),
-                    _ => poll_port(links, line, &mut port, at, &settings),
+                    _ => poll_port(links, &mut port, at, &settings),
                 }
                 if silence_check.is_due(at, AUTOPILOT_SILENCE_CHECK_HZ) {
-                    links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
+                    update_port_state(links, line, &mut port, at);
                 }
                 if let Some(action) = links.take_autopilot_action(line) {
                     port.begin_autopilot_action(at, action);
                 }
-                if let Some(message) = port.take_message(at) {
+                if let Some(message) = port.mavlink.take_message(at) {
                     links.broadcast_message(&message);
                 }
-                links.send_command(line, port.take_command());
+                links.send_command(line, port.mavlink.take_command());
                 published_counts.add_new_counts(&port, &links.event_counters);
             }
             Either4::Second(Ok(number)) if number > 0 => port.pending_output.consume_bytes(number),
@@ -123,12 +123,12 @@ fn apply_settings(port: &mut Port, tx: &mut impl SetBaud, old_settings: PortSett
 
 /// Polls the protocol. A separate function, because the data is large and must not be kept across a wait.
 #[inline(never)]
-fn poll_port(links: &TaskLinks, line: AutopilotLine, port: &mut Port, now: Timestamp, settings: &Settings) {
+fn poll_port(links: &TaskLinks, port: &mut Port, now: Timestamp, settings: &Settings) {
     // Only MAVLink reports the calibration.
     let is_reported = port.active_protocol(now) == ProtocolKind::Mavlink;
     let correction =
         calibration_to_report(links, |calibration| is_reported && port.mavlink.is_unreported_calibration(calibration));
-    with_snapshot(links, line, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
+    with_snapshot(links, now, settings, correction.as_ref(), |snapshot| port.poll(snapshot));
 }
 
 fn receive_bytes(links: &TaskLinks, line: AutopilotLine, port: &mut Port, bytes: &[u8]) {
@@ -138,7 +138,11 @@ fn receive_bytes(links: &TaskLinks, line: AutopilotLine, port: &mut Port, bytes:
             route_message(links, line, at, message, port.active_protocol(at) != ProtocolKind::Msp);
         }
     }
-    links.update_line_state(line, port.active_protocol(at), port.is_armed(at));
+    update_port_state(links, line, port, at);
+}
+
+fn update_port_state(links: &TaskLinks, line: AutopilotLine, port: &mut Port, now: Timestamp) {
+    update_line_state(links, line, port.active_protocol(now), port.is_armed(now), &mut port.mavlink);
 }
 
 /// Counts of a port's events that the module's counters already include.

@@ -71,10 +71,6 @@ impl AutopilotLine {
     /// All lines.
     pub const ALL_LINES: [Self; LINE_COUNT] = [Self::Port(PortNumber::One), Self::Port(PortNumber::Two), Self::Can];
 
-    const fn bit(self) -> u32 {
-        1 << self.line_number()
-    }
-
     const fn line_number(self) -> u8 {
         match self {
             Self::Port(number) => number as u8,
@@ -134,8 +130,6 @@ pub struct TaskLinks {
     autopilot_action: Mutex<CriticalSectionRawMutex, Cell<Option<(AutopilotLine, AutopilotAction)>>>,
     attitude_line_selector: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
     can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
-    /// Bits of the lines that have an autopilot by MAVLink, which each reading asks for.
-    mavlink_lines: AtomicU32,
     pub(super) event_counters: EventCounters,
     pub(super) heartbeats: Heartbeats,
 }
@@ -168,7 +162,6 @@ impl TaskLinks {
             autopilot_action: Mutex::new(Cell::new(None)),
             attitude_line_selector: Mutex::new(Cell::new(LineSelector::new())),
             can_state: Mutex::new(Cell::new(None)),
-            mavlink_lines: AtomicU32::new(0),
             event_counters: EventCounters::new(),
             heartbeats: Heartbeats::new(),
         }
@@ -215,11 +208,6 @@ impl TaskLinks {
 
     /// Publishes a line's protocol and armed state.
     pub(super) fn update_line_state(&self, line: AutopilotLine, protocol: ProtocolKind, is_armed: Option<bool>) {
-        if protocol == ProtocolKind::Mavlink && is_armed.is_some() {
-            self.mavlink_lines.fetch_or(line.bit(), Ordering::Relaxed);
-        } else {
-            self.mavlink_lines.fetch_and(!line.bit(), Ordering::Relaxed);
-        }
         self.links_of_line(line).state.lock(|state| state.set(LineState { protocol, is_armed }));
         publish_value(&self.armed_state, self.is_armed());
     }
@@ -238,11 +226,6 @@ impl TaskLinks {
         if let Some(command) = command {
             let _ = self.commands.try_send((CommandSource::Line(line), command));
         }
-    }
-
-    /// Whether another line than this has an autopilot by MAVLink.
-    pub(super) fn has_other_mavlink_line(&self, line: AutopilotLine) -> bool {
-        self.mavlink_lines.load(Ordering::Relaxed) & !line.bit() != 0
     }
 
     /// Lines whose autopilot is known by a protocol.

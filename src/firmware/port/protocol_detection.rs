@@ -8,8 +8,7 @@ use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::time::Timestamp;
-use autoswing_module::compass::{AutopilotAction, Command};
-use autoswing_module::messages::Message;
+use autoswing_module::compass::AutopilotAction;
 use autoswing_module::settings::ProtocolKind;
 
 /// Silence after which the protocol is detected anew, microseconds.
@@ -20,7 +19,7 @@ const DETECTION_EXPIRY_US: u64 = 10_000_000;
 pub struct Port {
     configured_protocol: ProtocolKind,
     detection: ProtocolDetection,
-    /// Receives results of commands, and texts, whatever the active protocol.
+    /// Receives results of commands, and texts, and has the actions on the autopilot, whatever the active protocol.
     pub mavlink: Mavlink,
     msp: Msp,
     nmea: Nmea,
@@ -86,7 +85,7 @@ impl Port {
         let is_detected = self.detection.has_received_frame || self.configured_protocol != ProtocolKind::Auto;
         let active = if is_detected { self.active_protocol(at) } else { ProtocolKind::Auto };
         let msp_message = if matches!(active, ProtocolKind::Auto | ProtocolKind::Msp) {
-            self.msp.process_byte(at, byte)
+            self.msp.process_byte(at, byte, self.mavlink.autopilot_session())
         } else {
             None
         };
@@ -120,27 +119,19 @@ impl Port {
         match self.active_protocol(snapshot.now) {
             ProtocolKind::Mavlink => self.mavlink.poll(snapshot, &mut self.pending_output),
             ProtocolKind::Nmea => self.nmea.poll(snapshot, &mut self.pending_output),
-            ProtocolKind::Auto | ProtocolKind::Msp => self.msp.poll(snapshot, &mut self.pending_output),
+            ProtocolKind::Auto | ProtocolKind::Msp => {
+                self.msp.poll(snapshot, self.mavlink.autopilot_session(), &mut self.pending_output);
+            }
         }
     }
 
     /// Begins an action on the autopilot.
     pub fn begin_autopilot_action(&mut self, now: Timestamp, action: AutopilotAction) {
         if self.active_protocol(now) == ProtocolKind::Msp {
-            self.msp.begin_autopilot_action(action);
+            self.mavlink.autopilot_session().begin_action(action, self.msp.autopilot_kind());
         } else {
             self.mavlink.begin_autopilot_action(action);
         }
-    }
-
-    /// Takes a message for all users.
-    pub fn take_message(&mut self, now: Timestamp) -> Option<Message> {
-        self.mavlink.take_message(now).or_else(|| self.msp.take_message(now))
-    }
-
-    /// Takes a command for the state machine.
-    pub fn take_command(&mut self) -> Option<Command> {
-        self.mavlink.take_command().or_else(|| self.msp.take_command())
     }
 
     /// Whether the set protocol carries text messages, or may after detection.
@@ -156,6 +147,7 @@ mod tests {
     use crate::port::snapshot::tests::test_snapshot;
 
     use autoswing::instrument::Estimate;
+    use autoswing_module::messages::{AutopilotReport, Message};
     use autoswing_module::settings::Settings;
     use testkit::frames::{mavlink_heartbeat, msp_frame};
 
@@ -237,5 +229,18 @@ mod tests {
             port.set_protocol(ProtocolKind::Auto);
             assert_eq!(port.active_protocol(timestamp_ms(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
         }
+    }
+
+    /// A check that began by MAVLink does not go on by MSP, which the silent line gets then.
+    #[test]
+    fn an_action_ends_with_its_protocol() {
+        let mut port = Port::new(ProtocolKind::Auto, ProtocolKind::Auto, timestamp_ms(0));
+        receive_bytes(&mut port, 0, &heartbeat_frame());
+        port.begin_autopilot_action(timestamp_ms(0), AutopilotAction::Check);
+        polled_output(&mut port, 10_000);
+        assert_eq!(port.mavlink.take_message(timestamp_ms(10_000)), None);
+        polled_output(&mut port, 10_001);
+        let ended = Message::Autopilot(AutopilotReport::NoReply);
+        assert_eq!(port.mavlink.take_message(timestamp_ms(10_001)), Some(ended));
     }
 }

@@ -22,8 +22,6 @@ pub struct Snapshot<'a> {
     pub calibration: Option<&'a (Calibration, HeadingUncertainty)>,
     /// Number of the module's node on a CAN bus.
     pub can_node: Option<u8>,
-    /// Whether another line of the module has an autopilot by MAVLink.
-    pub has_other_mavlink_line: bool,
 }
 
 impl Snapshot<'_> {
@@ -48,7 +46,6 @@ pub(super) mod tests {
             indicator_state: IndicatorState::Calibrated,
             calibration: None,
             can_node: None,
-            has_other_mavlink_line: false,
         }
     }
 }

@@ -18,6 +18,8 @@ pub enum AutopilotReport {
     NotKept,
     /// No setup has replaced a number since the last undo.
     NothingReplaced,
+    /// The numbers that a setup has replaced are another autopilot's.
+    OtherAutopilot,
     /// None of the autopilot's compasses is the module, and it is not sent poses either.
     NoCompass,
     /// One of the autopilot's compasses.
@@ -64,8 +66,7 @@ pub enum CompassPriority {
 /// Parameter of the autopilot that the module needs.
 #[derive(Debug, PartialEq)]
 pub struct WantedParameter {
-    /// Name, with `#` for the compass's slot and `^` for its priority; the first of either has no digit. `@` is the slot
-    /// counted from 0.
+    /// Pattern of the name ([`ParameterName::from_pattern`]).
     pub name_pattern: &'static str,
     /// Wanted number.
     pub number: WantedNumber,
@@ -94,20 +95,8 @@ impl WantedParameter {
     /// Name of the parameter for a compass's slot and priority, counted from 1.
     #[must_use]
     pub fn parameter_name(&self, slot: u8, priority: u8) -> ParameterName {
-        let letters = self.name_pattern.bytes().filter_map(|letter| match letter {
-            b'#' => digit_after_first(slot),
-            b'^' => digit_after_first(priority),
-            b'@' => Some(b'0' + slot.saturating_sub(1)),
-            letter => Some(letter),
-        });
-        let mut name = ParameterName::default();
-        name.0.iter_mut().zip(letters).for_each(|(target, letter)| *target = letter);
-        name
+        ParameterName::from_pattern(self.name_pattern, slot, priority)
     }
-}
-
-fn digit_after_first(number: u8) -> Option<u8> {
-    (number != 1).then_some(b'0' + number)
 }
 
 /// Parameter of the autopilot, and its state.

@@ -115,6 +115,7 @@ impl AutopilotReport {
             | Self::Armed
             | Self::NotKept
             | Self::NothingReplaced
+            | Self::OtherAutopilot
             | Self::CorrectedTwice { .. }
             | Self::NoCompass => Severity::Warning,
         }

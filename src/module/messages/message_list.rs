@@ -101,6 +101,11 @@ fn autopilot_entry(report: &AutopilotReport, show: EntryWriter<'_>) -> fmt::Resu
         AutopilotReport::NothingReplaced => {
             show("nothing-replaced", format_args!("no setup has replaced a number of the autopilot's"), NO_ADVICE)
         }
+        AutopilotReport::OtherAutopilot => show(
+            "other-autopilot",
+            format_args!("a setup has replaced numbers of another autopilot, and none of this one"),
+            format_args!("connect that one for an undo"),
+        ),
         AutopilotReport::NoCompass => show(
             "no-compass",
             format_args!("the autopilot has no compass that is this module"),

@@ -17,6 +17,22 @@ impl ParameterName {
         name.iter_mut().zip(text.bytes()).for_each(|(target, byte)| *target = byte);
         Self(name)
     }
+
+    /// Name by a pattern: `#` stands for the compass's slot and `^` for its priority, of which the first have no digit;
+    /// `@` is the slot counted from 0.
+    #[must_use]
+    pub fn from_pattern(pattern: &str, slot: u8, priority: u8) -> Self {
+        let digit_after_first = |number| (number != 1).then_some(b'0' + number);
+        let letters = pattern.bytes().filter_map(|letter| match letter {
+            b'#' => digit_after_first(slot),
+            b'^' => digit_after_first(priority),
+            b'@' => Some(b'0' + slot.saturating_sub(1)),
+            letter => Some(letter),
+        });
+        let mut name = Self::default();
+        name.0.iter_mut().zip(letters).for_each(|(target, letter)| *target = letter);
+        name
+    }
 }
 
 impl fmt::Display for ParameterName {

@@ -218,7 +218,7 @@ fn messages() -> impl Iterator<Item = ExpectedMessage> {
 
 fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
     use AutopilotReport::{Armed, Compass, CorrectedTwice, Heading, NoAutopilot, NoCompass, NoReply};
-    use AutopilotReport::{NotKept, NothingReplaced, Trims};
+    use AutopilotReport::{NotKept, NothingReplaced, OtherAutopilot, Trims};
     use ParameterState::{Changed, Missing, NotChanged, Wrong};
     static WANTED: WantedParameter = WantedParameter {
         name_pattern: "COMPASS_OFS#_X",
@@ -246,6 +246,7 @@ fn autopilot_reports() -> impl Iterator<Item = ExpectedMessage> {
         (NoReply, Warning, "no-parameters: the autopilot does not", "TX reaches it, and signatures"),
         (NotKept, Warning, "number-not-kept: the old number", "; see status all"),
         (NothingReplaced, Warning, "nothing-replaced: no setup has", "of the autopilot's"),
+        (OtherAutopilot, Warning, "other-autopilot: a setup has", "; connect that one for an undo"),
         (NoCompass, Warning, "no-compass: the autopilot has no", "; power both together, or restart the autopilot"),
         (compass(658_945, Some(1)), Info, "compass: slot 3, priority 1: another", "I2C bus 0 address 14 (id 658945)"),
         (compass(131_874, None), Info, "compass: slot 3, no priority: another", "SPI bus 4 device 3 (id 131874)"),

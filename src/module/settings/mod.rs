@@ -152,7 +152,7 @@ settings! {
             "sign MAVLink frames, and reject others, with the key of a passphrase, one word";
         shown ["signing", "", ""], refused "a passphrase or off";
     // MAV_COMP_ID_USER1 and above; 158 is MAV_COMP_ID_PERIPHERAL.
-    "COMPONENT" 24, stored 32: component: u8 = 158, Whole([25, 250], "as a component", None);
+    "COMPONENT" 24, stored 32: component: u8 = 158, Whole([25, 250], "in MAVLink", None);
         ["set", "component"] "NUMBER": "MAVLink component of the module";
         shown ["component", "", ""], refused "a component is 25 to 250 in MAVLink";
     // Nodes 126 and 127 are for tools.

@@ -7,11 +7,11 @@ use testkit::frames::{mavlink_attitude, mavlink_heartbeat};
 use super::TaskBench;
 use super::devices::{DeviceBehaviour, FakeReceiver, FakeTransmitter};
 use crate::app::port;
-use crate::app::task_links::{AttitudeInput, Timestamped, publish_value, subscribe};
+use crate::app::task_links::{AttitudeInput, AutopilotLine, Timestamped, publish_value, subscribe};
 use autoswing::attitude::AttitudeReport;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::time::Timestamp;
-use autoswing_module::settings::{PortNumber, Settings};
+use autoswing_module::settings::{PortNumber, ProtocolKind, Settings};
 
 const AUTOPILOT: [u8; 2] = [1, 1];
 
@@ -87,6 +87,20 @@ fn armed_state_is_published_on_change_and_expires_after_10_s() {
         bench.publish_estimates(NORTH, silence_ms);
         let last = std::iter::from_fn(|| armed.try_changed()).last();
         assert_eq!((last, links.armed_state.try_get()), (Some(published), Some(published)), "{silence_ms} ms");
+    }
+}
+
+/// The autopilot forwards the heartbeats of the module's other line to this one.
+#[test]
+fn a_second_line_to_the_autopilot_does_not_wait_for_another_module() {
+    let is_heartbeat = |frame: &[u8]| matches!(frame, [0xFD, 9, 0, 0, _, 1, 158, 0, 0, 0]);
+    for (has_other_line, is_claimed) in [(true, true), (false, false)] {
+        let (mut bench, line, port) = bench_with_port(PortNumber::One);
+        let other_armed_state = has_other_line.then_some(false);
+        bench.links.update_line_state(AutopilotLine::Can, ProtocolKind::Mavlink, other_armed_state);
+        line.queue_bytes(&heartbeat_and_attitude_frames(false));
+        bench.publish_estimates(NORTH, 500);
+        assert_eq!(port.written.take().windows(10).any(is_heartbeat), is_claimed);
     }
 }
 

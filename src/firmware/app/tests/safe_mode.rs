@@ -19,7 +19,7 @@ use crate::wire::dronecan::outbound::{NodeInfo, SoftwareVersion};
 use crate::wire::dronecan::{CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, TransferKind};
 use autoswing_module::compass::{Command, ModuleState, Reply};
 use autoswing_module::messages::{Message, Refusal};
-use autoswing_module::settings::Settings;
+use autoswing_module::settings::{ProtocolKind, Settings};
 use autoswing_module::store::{StoreChange, StoreError};
 
 fn bench_in_safe_mode(flash: Flash) -> (TaskBench, [FakeTransmitter; 2], FakeWatchdog) {
@@ -201,6 +201,7 @@ fn the_node_of_a_can_bus_reports_safe_mode_and_restarts() {
     let (mut bench, bus) = FakeCanBus::with_allocated_node();
     let all = bus.take_sent_data(DataType::NODE_STATUS);
     assert!(!all.is_empty() && all.iter().all(|status| status[4..7] == [0x80, 0x4C, 0]), "{all:?}");
+    assert_eq!(bench.links.lines_with_autopilot(ProtocolKind::Mavlink).count(), 0, "without an autopilot's MAVLink");
     bus.queue_message(DataType::GET_NODE_INFO, &[]);
     bench.run_for_ms(10);
     assert!(!bus.take_sent_data(DataType::GET_NODE_INFO).is_empty());

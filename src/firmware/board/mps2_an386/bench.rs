@@ -274,7 +274,6 @@ fn snapshot<'a>(estimate: &'a Estimate, settings: &'a Settings) -> Snapshot<'a> 
         indicator_state: IndicatorState::Calibrated,
         calibration: None,
         can_node: None,
-        has_other_mavlink_line: false,
     }
 }
 

@@ -17,7 +17,7 @@ use parameter_client::ParameterClient;
 pub(super) use parameter_client::ParameterRequest;
 use setup::{AutopilotSetup, SetupContext};
 pub(super) use setup::{AutopilotState, is_device_of_module};
-pub(super) use wanted_parameters::AutopilotKind;
+pub(super) use wanted_parameters::{AutopilotKind, COMPASS_COUNT, DEVICE_ID_PATTERN, OFFSET_PATTERNS};
 
 /// Rate of reports, Hz: a text of three chunks takes 0.3 s.
 const REPORT_HZ: u8 = 3;
@@ -26,14 +26,17 @@ const REPORT_HZ: u8 = 3;
 #[derive(Debug, Default)]
 pub(super) struct AutopilotSession {
     pub client: ParameterClient,
+    /// Whether the client's read is not one of an action.
+    pub is_monitoring: bool,
     setup: AutopilotSetup,
     awaits_restart: bool,
     report_schedule: MessageSchedule,
 }
 
 impl AutopilotSession {
-    /// Begins an action, in place of a check or a setup in progress; `None` for an unknown autopilot.
+    /// Begins an action, in place of one in progress; `None` for an unknown autopilot.
     pub fn begin_action(&mut self, action: AutopilotAction, kind: Option<AutopilotKind>) {
+        *self = Self::default();
         match (action, kind) {
             (AutopilotAction::Restart, Some(_)) => self.awaits_restart = true,
             (AutopilotAction::Check | AutopilotAction::Setup | AutopilotAction::Undo, Some(kind)) => {
@@ -46,6 +49,11 @@ impl AutopilotSession {
     /// Whether a check, a setup or an undo is in progress, which uses the client.
     pub const fn is_running(&self) -> bool {
         self.setup.is_running()
+    }
+
+    /// Whether any action is in progress.
+    pub const fn has_action(&self) -> bool {
+        self.is_running() || self.awaits_restart
     }
 
     /// Takes a message for all users.

@@ -8,7 +8,9 @@
 use libm::roundf;
 
 use super::parameter_client::{ParameterClient, ParameterError, is_same_number};
-use super::wanted_parameters::{AutopilotKind, CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink};
+use super::wanted_parameters::{
+    AutopilotKind, COMPASS_COUNT, CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink,
+};
 use autoswing::frames::{Body, Field};
 use autoswing::time::Timestamp;
 use autoswing::trig::VectorLength as _;
@@ -18,22 +20,6 @@ use autoswing_module::messages::{
     RegisteredCompass, WantedNumber,
 };
 use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
-
-/// Number of compasses that ArduPilot uses.
-const ARDUPILOT_COMPASS_COUNT: usize = 3;
-
-/// ArduPilot's device ids by priority, then by slot.
-const ARDUPILOT_ID_NAMES: [&str; 2 * ARDUPILOT_COMPASS_COUNT] = [
-    "COMPASS_PRIO1_ID",
-    "COMPASS_PRIO2_ID",
-    "COMPASS_PRIO3_ID",
-    "COMPASS_DEV_ID",
-    "COMPASS_DEV_ID2",
-    "COMPASS_DEV_ID3",
-];
-
-/// PX4's device ids by slot.
-const PX4_ID_NAMES: [&str; 4] = ["CAL_MAG0_ID", "CAL_MAG1_ID", "CAL_MAG2_ID", "CAL_MAG3_ID"];
 
 /// Slot and priority in the place of a compass of INAV, which has one: no other autopilot's.
 const INAV_COMPASS: (u8, u8) = (0, 1);
@@ -94,12 +80,11 @@ struct Keeping {
 pub(super) struct AutopilotSetup {
     /// What is in progress.
     action: Option<AutopilotAction>,
-    /// Names of the device ids.
-    id_names: &'static [&'static str],
+    kind: Option<AutopilotKind>,
     /// Index of the id, then of the row of the table.
     step: u8,
     /// ArduPilot's device ids by priority.
-    priority_ids: [u32; ARDUPILOT_COMPASS_COUNT],
+    priority_ids: [u32; COMPASS_COUNT as usize],
     /// Slot and priority of the module, counted from 1; PX4 has no priority, 0.
     module_compass: Option<(u8, u8)>,
     /// Whether INAV was told to save its settings.
@@ -120,14 +105,9 @@ pub(super) struct AutopilotSetup {
 impl AutopilotSetup {
     /// Begins a check, a setup or an undo.
     pub fn begin(&mut self, action: AutopilotAction, kind: AutopilotKind) {
-        let id_names: &[&str] = match kind {
-            AutopilotKind::ArduPilot => &ARDUPILOT_ID_NAMES,
-            AutopilotKind::Px4 => &PX4_ID_NAMES,
-            AutopilotKind::Inav => &[],
-        };
-        let step = if action == AutopilotAction::Undo { id_names.len() as u8 } else { 0 };
+        let step = if action == AutopilotAction::Undo { kind.device_id_count() } else { 0 };
         let module_compass = (kind == AutopilotKind::Inav).then_some(INAV_COMPASS);
-        *self = Self { action: Some(action), id_names, step, module_compass, ..Self::default() };
+        *self = Self { action: Some(action), kind: Some(kind), step, module_compass, ..Self::default() };
     }
 
     pub const fn is_running(&self) -> bool {
@@ -148,8 +128,12 @@ impl AutopilotSetup {
         self.command.take()
     }
 
-    /// Continues: processes the result of the last read or write, and begins the next.
+    /// Continues: processes the result of the last read or write, and begins the next. On a line that has got another
+    /// kind of autopilot it ends.
     pub fn advance(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
+        if self.kind != Some(context.autopilot.kind) {
+            return self.end(AutopilotReport::NoReply);
+        }
         if self.report.is_some() || self.awaits_keeping(context, client) {
             return;
         }
@@ -187,7 +171,11 @@ impl AutopilotSetup {
     }
 
     fn replaced_number(&self, row: &ParameterRow, context: SetupContext<'_>) -> Option<f32> {
-        context.replaced_numbers.number(row.position(), self.module_compass.unwrap_or_default())
+        let replaced_compass = context.replaced_numbers.compass();
+        let is_of_autopilot = row.kind.has_compass(replaced_compass)
+            || row.link == SetupLink::Vision && replaced_compass == ReplacedNumbers::NONE.compass();
+        let number = context.replaced_numbers.number(row.position(), self.module_compass.unwrap_or_default());
+        number.filter(|_| is_of_autopilot)
     }
 
     fn keep_number(&mut self, row: u8, number: Option<f32>, next_number: Option<f32>) {
@@ -197,14 +185,13 @@ impl AutopilotSetup {
     }
 
     fn begin_next_read(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
-        if self.action == Some(AutopilotAction::Undo) && context.autopilot.kind != AutopilotKind::Inav {
+        if self.action == Some(AutopilotAction::Undo) {
             self.module_compass = Some(context.replaced_numbers.compass());
         }
-        let has_all_ids = usize::from(self.step) == self.id_names.len();
-        if has_all_ids && self.module_compass.is_none() && !context.sends_vision_yaw {
+        if self.step == self.device_id_count() && self.module_compass.is_none() && !context.sends_vision_yaw {
             return self.end(AutopilotReport::NoCompass);
         }
-        let rows_end = self.id_names.len() + PARAMETER_ROWS.len();
+        let rows_end = usize::from(self.device_id_count()) + PARAMETER_ROWS.len();
         while usize::from(self.step) < rows_end {
             if let Some(name) = self.name_of_step(context) {
                 client.begin_read(name);
@@ -217,9 +204,15 @@ impl AutopilotSetup {
             return client.begin_save();
         }
         if self.action == Some(AutopilotAction::Undo) {
-            let is_nothing = self.counts == ParameterCounts::default();
-            let summary = AutopilotReport::Summary(self.counts);
-            return self.end(if is_nothing { AutopilotReport::NothingReplaced } else { summary });
+            let replaced = context.replaced_numbers;
+            let is_replaced = |row: usize| replaced.number(row as u8, replaced.compass()).is_some();
+            return self.end(if self.counts != ParameterCounts::default() {
+                AutopilotReport::Summary(self.counts)
+            } else if (0..PARAMETER_ROWS.len()).any(is_replaced) {
+                AutopilotReport::OtherAutopilot
+            } else {
+                AutopilotReport::NothingReplaced
+            });
         }
         let has_trims = context.autopilot.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0);
         let later_reports = [
@@ -237,15 +230,19 @@ impl AutopilotSetup {
 
     /// Name of the parameter of this step, if it concerns this autopilot and module.
     fn name_of_step(&self, context: SetupContext<'_>) -> Option<ParameterName> {
-        if let Some(name) = self.id_names.get(usize::from(self.step)) {
-            return Some(ParameterName::new(name));
+        if self.step < self.device_id_count() {
+            return self.kind.map(|kind| kind.device_id_name(self.step));
         }
         let (slot, priority) = self.module_compass.unwrap_or_default();
         self.row().filter(|row| self.is_applicable(row, context)).map(|row| row.wanted.parameter_name(slot, priority))
     }
 
+    fn device_id_count(&self) -> u8 {
+        self.kind.map_or(0, AutopilotKind::device_id_count)
+    }
+
     fn row(&self) -> Option<&'static ParameterRow> {
-        PARAMETER_ROWS.get(usize::from(self.step).checked_sub(self.id_names.len())?)
+        PARAMETER_ROWS.get(usize::from(self.step.checked_sub(self.device_id_count())?))
     }
 
     fn is_applicable(&self, row: &'static ParameterRow, context: SetupContext<'_>) -> bool {
@@ -273,22 +270,22 @@ impl AutopilotSetup {
             self.end(AutopilotReport::NoReply);
         } else if let Some(row) = self.row() {
             self.process_row(row, context, client, result);
-        } else if usize::from(self.step) < self.id_names.len() {
+        } else if self.step < self.device_id_count() {
             self.process_id(context, result.unwrap_or(0.0) as u32);
         }
     }
 
     fn process_id(&mut self, context: SetupContext<'_>, device_id: u32) {
         let is_px4 = context.autopilot.kind == AutopilotKind::Px4;
-        let step = usize::from(self.step);
+        let step = self.step;
         self.step += 1;
-        let slot = (if is_px4 { step } else { step % ARDUPILOT_COMPASS_COUNT }) as u8 + 1;
-        match self.priority_ids.get_mut(step) {
+        let slot = (if is_px4 { step } else { step % COMPASS_COUNT }) + 1;
+        match self.priority_ids.get_mut(usize::from(step)) {
             Some(priority_id) if !is_px4 => *priority_id = device_id,
             _ if device_id != 0 => self.process_compass(slot, device_id, context),
             _ => self.free_slot = self.free_slot.or(Some(slot)),
         }
-        let has_all_ids = usize::from(self.step) == self.id_names.len();
+        let has_all_ids = self.step == self.device_id_count();
         if is_px4 && has_all_ids && self.module_compass.is_none() && context.can_node.is_some() {
             self.module_compass = self.free_slot.map(|slot| (slot, 0));
         }

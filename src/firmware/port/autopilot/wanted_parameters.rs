@@ -7,7 +7,7 @@
 //! VehicleMagnetometer.cpp (`MagCalibrationUpdate`: offsets that the filter has learnt are saved after each flight); and
 //! INAV's compass.c (`compassUpdate`: uncalibrated with gains of 1024).
 
-use autoswing_module::messages::{WantedNumber, WantedParameter};
+use autoswing_module::messages::{ParameterName, WantedNumber, WantedParameter};
 
 /// Kind of autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +16,36 @@ pub enum AutopilotKind {
     Px4,
     /// By MSP.
     Inav,
+}
+
+impl AutopilotKind {
+    /// Number of device ids: ArduPilot's by priority and by slot, PX4's by slot.
+    pub(super) const fn device_id_count(self) -> u8 {
+        match self {
+            Self::ArduPilot => 2 * COMPASS_COUNT,
+            Self::Px4 => 4,
+            Self::Inav => 0,
+        }
+    }
+
+    /// Name of a device id, counted from 0.
+    pub(super) fn device_id_name(self, index: u8) -> ParameterName {
+        let (pattern, number) = match (self, index.checked_sub(COMPASS_COUNT)) {
+            (Self::ArduPilot, None) => ("COMPASS_PRIO@_ID", index + 2),
+            (Self::ArduPilot, Some(slot_index)) => (DEVICE_ID_PATTERN, slot_index + 1),
+            _ => (PX4_DEVICE_ID_PATTERN, index + 1),
+        };
+        ParameterName::from_pattern(pattern, number, 0)
+    }
+
+    /// Whether this kind has a compass of this slot and priority: INAV's has no slot, PX4's no priority.
+    pub(super) const fn has_compass(self, (slot, priority): (u8, u8)) -> bool {
+        match self {
+            Self::ArduPilot => slot > 0 && priority > 0,
+            Self::Px4 => slot > 0 && priority == 0,
+            Self::Inav => slot == 0 && priority > 0,
+        }
+    }
 }
 
 /// Way on which the autopilot receives the module.
@@ -53,6 +83,7 @@ impl ParameterRow {
         number: WantedNumber,
         reason: &'static str,
     ) -> Self {
+        assert!(name_pattern.len() <= size_of::<ParameterName>(), "a longer name would be cut");
         Self { kind, link, stage, wanted: WantedParameter { name_pattern, number, reason } }
     }
 
@@ -68,6 +99,18 @@ impl ParameterRow {
         Self::new(kind, (SetupLink::Compass, CalibrationStage::Always), name_pattern, number, reason)
     }
 }
+
+/// Number of compasses that ArduPilot uses.
+pub const COMPASS_COUNT: u8 = 3;
+
+/// ArduPilot's device id of a slot.
+pub const DEVICE_ID_PATTERN: &str = "COMPASS_DEV_ID#";
+
+/// PX4's device id of a slot.
+const PX4_DEVICE_ID_PATTERN: &str = "CAL_MAG@_ID";
+
+/// ArduPilot's offsets of a slot by axis, milligauss.
+pub const OFFSET_PATTERNS: [&str; 3] = ["COMPASS_OFS#_X", "COMPASS_OFS#_Y", "COMPASS_OFS#_Z"];
 
 const ARDUPILOT: AutopilotKind = AutopilotKind::ArduPilot;
 const PX4: AutopilotKind = AutopilotKind::Px4;
@@ -92,12 +135,12 @@ pub(super) static PARAMETER_ROWS: [ParameterRow; 51] = {
         ParameterRow::compass(ARDUPILOT, "COMPASS_SCALE#", 0.0, IS_CORRECTED),
         ParameterRow::compass(
             ARDUPILOT,
-            "COMPASS_OFS#_X",
+            OFFSET_PATTERNS[0],
             1.0,
             "more would correct its field twice, 1 mG marks it as calibrated",
         ),
-        ParameterRow::compass(ARDUPILOT, "COMPASS_OFS#_Y", 0.0, IS_CORRECTED),
-        ParameterRow::compass(ARDUPILOT, "COMPASS_OFS#_Z", 0.0, IS_CORRECTED),
+        ParameterRow::compass(ARDUPILOT, OFFSET_PATTERNS[1], 0.0, IS_CORRECTED),
+        ParameterRow::compass(ARDUPILOT, OFFSET_PATTERNS[2], 0.0, IS_CORRECTED),
         ParameterRow::compass(ARDUPILOT, "COMPASS_DIA#_X", 0.0, IS_CORRECTED),
         ParameterRow::compass(ARDUPILOT, "COMPASS_DIA#_Y", 0.0, IS_CORRECTED),
         ParameterRow::compass(ARDUPILOT, "COMPASS_DIA#_Z", 0.0, IS_CORRECTED),
@@ -110,7 +153,7 @@ pub(super) static PARAMETER_ROWS: [ParameterRow; 51] = {
         ParameterRow::new(
             ARDUPILOT,
             (Compass, Always),
-            "COMPASS_DEV_ID#",
+            DEVICE_ID_PATTERN,
             Present,
             "a saved id marks it as calibrated",
         ),
@@ -134,9 +177,9 @@ pub(super) static PARAMETER_ROWS: [ParameterRow; 51] = {
         ParameterRow::new(
             PX4,
             (Compass, Always),
-            "CAL_MAG@_ID",
+            PX4_DEVICE_ID_PATTERN,
             CanDevice,
-            "PX4 does not arm with a compass that no slot has",
+            "PX4 does not arm with a compass that no slot has; on CAN 2 the id is 8 more",
         ),
         ParameterRow::new(PX4, (Compass, Uncalibrated), "CAL_MAG@_PRIO", Fixed(0.0), IS_RAW),
         ParameterRow::compass(PX4, "CAL_MAG@_ROT", 0.0, "its field is in body axes"),

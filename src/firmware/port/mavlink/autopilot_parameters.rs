@@ -24,13 +24,11 @@ const MONITOR_PERIOD_US: u64 = 30_000_000;
 pub(super) struct AutopilotParameters {
     /// Autopilot to which the rest belongs, and its firmware.
     autopilot: Option<(SenderId, MavAutopilot)>,
-    session: AutopilotSession,
+    pub session: AutopilotSession,
     /// Kind of number of the last parameter that was read.
     parameter_kind: MavParamType,
     trims: AttitudeTrims,
     offsets: CompassOffsets,
-    /// Whether the client's read is one of trims and offsets.
-    is_monitoring: bool,
 }
 
 impl AutopilotParameters {
@@ -63,11 +61,8 @@ impl AutopilotParameters {
         if is_trimmed { self.trims.untrimmed_attitude(sent) } else { sent }
     }
 
-    /// Begins an action on the autopilot, in place of a check or a setup in progress.
+    /// Begins an action on the autopilot, in place of one in progress.
     pub fn begin_action(&mut self, action: AutopilotAction) {
-        if !self.is_monitoring {
-            self.session = AutopilotSession::default();
-        }
         self.session.begin_action(action, self.kind());
     }
 
@@ -90,7 +85,7 @@ impl AutopilotParameters {
     /// Sends the due request; returns whether one was sent.
     pub fn send_due_request(&mut self, snapshot: &Snapshot<'_>, is_disarmed: bool, line: &mut Transmitter<'_>) -> bool {
         let (Some((autopilot, _)), now) = (self.autopilot(), snapshot.now) else { return false };
-        if let Some(kind) = self.kind().filter(|_| !self.is_monitoring && self.session.is_running()) {
+        if let Some(kind) = self.kind().filter(|_| self.session.is_running()) {
             let trims_deg = if self.is_ardupilot() { self.trims.trims_rad().map(f32::to_degrees) } else { [0.0; 2] };
             self.session.advance(snapshot, AutopilotState { kind, is_disarmed, trims_deg, msp_choice: None });
         } else if self.is_ardupilot() {
@@ -116,14 +111,14 @@ impl AutopilotParameters {
     /// Reads trims and offsets, one at a time.
     fn monitor_parameters(&mut self, now: Timestamp, can_node: Option<u8>) {
         if let Some(result) = self.session.client.take_result() {
-            self.is_monitoring = false;
+            self.session.is_monitoring = false;
             if self.trims.next_name().is_some() {
                 self.trims.advance_reading();
             } else {
                 self.offsets.complete_reading(result.ok(), can_node);
             }
         }
-        if self.is_monitoring || self.session.is_running() {
+        if self.session.is_monitoring || self.session.is_running() {
             return;
         }
         if now.us_since(self.session.client.last_request_at()) >= MONITOR_PERIOD_US {
@@ -132,7 +127,7 @@ impl AutopilotParameters {
         }
         if let Some(name) = self.trims.next_name().or_else(|| self.offsets.next_name()) {
             self.session.client.begin_read(name);
-            self.is_monitoring = true;
+            self.session.is_monitoring = true;
         }
     }
 

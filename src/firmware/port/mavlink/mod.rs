@@ -30,6 +30,7 @@ mod transmitter;
 
 use mavlink_dialect::MavState;
 
+use crate::port::autopilot::AutopilotSession;
 use crate::port::message_schedule::MessageSchedule;
 use crate::port::received_message::ReceivedMessage;
 use crate::port::snapshot::Snapshot;
@@ -136,10 +137,24 @@ impl Mavlink {
         self.autopilot_parameters.begin_action(action);
     }
 
+    /// Actions on the line's autopilot, by whichever protocol.
+    pub(super) const fn autopilot_session(&mut self) -> &mut AutopilotSession {
+        &mut self.autopilot_parameters.session
+    }
+
+    /// Sets whether another line of the module has an autopilot by MAVLink.
+    pub const fn set_has_other_line(&mut self, has_other_line: bool) {
+        self.component_claim.has_other_line = has_other_line;
+    }
+
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.sender_selector.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
         let own_component = self.component_claim.component();
+        let is_own_system = |source: SenderId| {
+            let system_id = |sender| Address::from_sender(sender).system_id;
+            autopilot.is_some_and(|autopilot| system_id(autopilot) == system_id(source))
+        };
         let is_component = |target: Address, component_id| {
             let own_address = |autopilot| Address { component_id, ..Address::from_sender(autopilot) };
             autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)))
@@ -148,8 +163,8 @@ impl Mavlink {
         match message {
             InboundMessage::Heartbeat(heartbeat, firmware) => {
                 self.sender_selector.update_heartbeat(at, heartbeat);
-                let Address { system_id, component_id } = Address::from_sender(heartbeat.sender);
-                if autopilot.is_some_and(|autopilot| Address::from_sender(autopilot).system_id == system_id) {
+                let Address { component_id, .. } = Address::from_sender(heartbeat.sender);
+                if is_own_system(heartbeat.sender) {
                     self.component_claim.on_heartbeat(component_id);
                 }
                 if self.sender_selector.autopilot_to_query(at) == Some(heartbeat.sender) {
@@ -196,6 +211,12 @@ impl Mavlink {
                 self.own_parameters.process_request(&request).map(ReceivedMessage::Command)
             }
             InboundMessage::Command(_) | InboundMessage::ParameterRequest(..) => None,
+            InboundMessage::NamedValue(source, sender_clock) => {
+                if is_own_system(source) {
+                    self.component_claim.on_named_value(Address::from_sender(source).component_id, sender_clock);
+                }
+                None
+            }
             InboundMessage::Parameter(source, parameter) => {
                 if is_autopilot(&source) {
                     self.autopilot_parameters.on_parameter(&parameter);
@@ -221,7 +242,7 @@ impl Mavlink {
         let (name, value) =
             if self.is_sigma_next { ("hdg_sigma", heading.sigma_deg()) } else { ("hdg_mag", heading.magnetic_deg()) };
         self.is_sigma_next = !self.is_sigma_next;
-        line.send_message(OutboundMessage::named_value(snapshot.now, name, value))
+        self.send_named_value(snapshot.now, name, value, line)
     }
 
     /// Sends the due pose, or a reset of the yaw to it.
@@ -252,7 +273,12 @@ impl Mavlink {
     fn send_progress_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let percent = f32::from(progress_percent(snapshot.indicator_state));
         self.progress_percent_schedule.is_due(snapshot.now, PROGRESS_PERCENT_HZ)
-            && line.send_message(OutboundMessage::named_value(snapshot.now, "cal_pct", percent))
+            && self.send_named_value(snapshot.now, "cal_pct", percent, line)
+    }
+
+    fn send_named_value(&mut self, now: Timestamp, name: &str, value: f32, line: &mut Transmitter<'_>) -> bool {
+        self.component_claim.on_named_value_sent(now);
+        line.send_message(OutboundMessage::named_value(now, name, value))
     }
 }
 
@@ -289,8 +315,7 @@ impl Mavlink {
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
         let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
         let is_armed = self.sender_selector.is_armed(now);
-        let is_settled = is_armed == Some(true) || snapshot.has_other_mavlink_line;
-        if let Some(component) = self.component_claim.update(now, snapshot.settings.component, is_settled) {
+        if let Some(component) = self.component_claim.update(now, snapshot.settings.component, is_armed == Some(true)) {
             self.component_change = component_change(component);
             self.component_notice = Some(Notice::ComponentTaken { taken: snapshot.settings.component, component });
         }

@@ -20,8 +20,6 @@ use crate::wire::msp::{
 };
 use autoswing::attitude::{AttitudeReport, BodyRates, RateEstimator, SenderId};
 use autoswing::time::{Timestamp, WrappingMillis};
-use autoswing_module::compass::{AutopilotAction, Command};
-use autoswing_module::messages::Message;
 
 /// Rate of compass readings, Hz: INAV drops a compass after 250 ms, ArduPilot after 500 ms; ArduPilot's filter uses 10
 /// Hz.
@@ -70,7 +68,6 @@ pub struct Msp {
     periodic_schedule: MessageSchedule,
     /// Index of the next periodic request other than attitude.
     next_periodic_index: usize,
-    autopilot_session: AutopilotSession,
     /// Setting of INAV that was read last.
     last_setting: Option<SettingInfo>,
 }
@@ -82,24 +79,17 @@ impl Msp {
         Self::default()
     }
 
-    /// Begins an action on the autopilot.
-    pub fn begin_autopilot_action(&mut self, action: AutopilotAction) {
-        let is_inav = self.autopilot_firmware == Some(AutopilotFirmware::Inav);
-        self.autopilot_session = AutopilotSession::default();
-        self.autopilot_session.begin_action(action, is_inav.then_some(AutopilotKind::Inav));
+    /// Kind of autopilot, if actions on it are possible.
+    pub(super) fn autopilot_kind(&self) -> Option<AutopilotKind> {
+        (self.autopilot_firmware == Some(AutopilotFirmware::Inav)).then_some(AutopilotKind::Inav)
     }
 
-    /// Takes a message about the autopilot, for all users.
-    pub fn take_message(&mut self, now: Timestamp) -> Option<Message> {
-        self.autopilot_session.take_message(now)
-    }
-
-    /// Takes a command that an action on the autopilot needs.
-    pub const fn take_command(&mut self) -> Option<Command> {
-        self.autopilot_session.take_command()
-    }
-
-    fn process_message(&mut self, at: Timestamp, message: MspReply) -> Option<ReceivedMessage> {
+    fn process_message(
+        &mut self,
+        at: Timestamp,
+        message: MspReply,
+        session: &mut AutopilotSession,
+    ) -> Option<ReceivedMessage> {
         if matches!(message, MspReply::Attitude(_) | MspReply::Refused(MspFunction::Attitude)) {
             self.open_request_sent_at = None;
         }
@@ -115,10 +105,10 @@ impl Msp {
             MspReply::Armed(is_armed) => self.armed_report = Some((at, is_armed)),
             MspReply::Setting(setting) => {
                 self.last_setting = Some(setting);
-                self.autopilot_session.client.on_number(setting.name, Some(setting.number));
+                session.client.on_number(setting.name, Some(setting.number));
             }
             MspReply::Done | MspReply::Refused(MspFunction::SettingInfo | MspFunction::SetSetting) => {
-                self.autopilot_session.client.on_answer();
+                session.client.on_answer();
             }
             MspReply::Gyro(_) | MspReply::Refused(_) => {}
         }
@@ -148,12 +138,20 @@ impl Msp {
     }
 
     /// Sends the due request of an action on INAV.
-    fn send_autopilot_request(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+    fn send_autopilot_request(
+        &self,
+        snapshot: &Snapshot<'_>,
+        session: &mut AutopilotSession,
+        out: &mut TransmitBuffer,
+    ) {
+        if !session.has_action() {
+            return;
+        }
         let (kind, now) = (AutopilotKind::Inav, snapshot.now);
         let is_disarmed = self.is_armed(now) == Some(false);
         let msp_choice = self.last_setting.and_then(|setting| setting.msp_choice);
-        self.autopilot_session.advance(snapshot, AutopilotState { kind, is_disarmed, trims_deg: [0.0; 2], msp_choice });
-        let Some(request) = self.autopilot_session.due_request(now, is_disarmed) else { return };
+        session.advance(snapshot, AutopilotState { kind, is_disarmed, trims_deg: [0.0; 2], msp_choice });
+        let Some(request) = session.due_request(now, is_disarmed) else { return };
         let is_sent = match request {
             ParameterRequest::Read(name) => out.append_message(&[&encode_setting_request(name, &[])]),
             ParameterRequest::Write(name, number) => {
@@ -165,7 +163,7 @@ impl Msp {
             ParameterRequest::Restart => out.append_message(&[&encode_request(MspFunction::Reboot)]),
         };
         if is_sent {
-            self.autopilot_session.on_request_sent(now, request);
+            session.on_request_sent(now, request);
         }
     }
 
@@ -193,9 +191,14 @@ impl Msp {
 
 impl Msp {
     /// Processes a received byte; returns the message that it completes.
-    pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+    pub(super) fn process_byte(
+        &mut self,
+        at: Timestamp,
+        byte: u8,
+        session: &mut AutopilotSession,
+    ) -> Option<ReceivedMessage> {
         let message = self.receiver.push_byte(byte)?;
-        Some(self.process_message(at, message).unwrap_or(ReceivedMessage::Other))
+        Some(self.process_message(at, message, session).unwrap_or(ReceivedMessage::Other))
     }
 
     /// Whether the autopilot is armed, if it has reported that recently.
@@ -211,7 +214,7 @@ impl Msp {
     }
 
     /// Appends due messages; called for every estimate, at least ten times a second.
-    pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
+    pub(super) fn poll(&mut self, snapshot: &Snapshot<'_>, session: &mut AutopilotSession, out: &mut TransmitBuffer) {
         let now = snapshot.now;
         if let Some(field) = snapshot.estimate.compass_field
             && self.compass_schedule.is_due(now, COMPASS_HZ)
@@ -239,7 +242,7 @@ impl Msp {
             let requests = [if has_gyro { &gyro[..] } else { &[] }, &encode_request(function)];
             self.open_request_sent_at = out.append_message(&requests).then_some(now);
         }
-        self.send_autopilot_request(snapshot, out);
+        self.send_autopilot_request(snapshot, session, out);
     }
 }
 

@@ -13,7 +13,8 @@ fn timestamp(us: u64) -> Timestamp {
 
 fn poll_frames(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
     let mut out = TransmitBuffer::new();
-    msp.poll(&Snapshot { now: timestamp(us), ..test_snapshot(estimate, &Settings::DEFAULT) }, &mut out);
+    let snapshot = Snapshot { now: timestamp(us), ..test_snapshot(estimate, &Settings::DEFAULT) };
+    msp.poll(&snapshot, &mut AutopilotSession::default(), &mut out);
     let mut rest = out.pending_bytes();
     let mut frames = Vec::new();
     while let [b'$', b'X', b'<', _, _, _, length, ..] = rest {
@@ -29,11 +30,15 @@ fn function_of_frame(frame: &[u8]) -> u16 {
     u16::from_le_bytes([frame[4], frame[5]])
 }
 
+fn process_byte(msp: &mut Msp, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
+    msp.process_byte(at, byte, &mut AutopilotSession::default())
+}
+
 /// Decoded messages except `Other`, which only identifies the protocol in use.
 fn receive(msp: &mut Msp, us: u64, direction: u8, function: MspFunction, payload: &[u8]) -> Vec<ReceivedMessage> {
     let mut received: Vec<_> = msp_frame(direction, function as u16, payload)
         .iter()
-        .filter_map(|&byte| msp.process_byte(timestamp(us), byte))
+        .filter_map(|&byte| process_byte(msp, timestamp(us), byte))
         .collect();
     received.retain(|received| *received != ReceivedMessage::Other);
     received
@@ -172,22 +177,22 @@ fn an_incomplete_reply_is_discarded_and_a_damaged_one_counted() {
     let mut msp = msp_with_firmware(b"ARDU");
     poll_frames(&mut msp, 0, &Estimate::EMPTY);
     let mut answer = msp_frame(b'>', MspFunction::Attitude as u16, &ATTITUDE_PAYLOAD);
-    assert!(answer[..12].iter().all(|&byte| msp.process_byte(timestamp(10_000), byte).is_none()));
+    assert!(answer[..12].iter().all(|&byte| process_byte(&mut msp, timestamp(10_000), byte).is_none()));
     poll_frames(&mut msp, 50_000, &Estimate::EMPTY);
-    let received: Vec<_> = answer.iter().filter_map(|&byte| msp.process_byte(timestamp(60_000), byte)).collect();
+    let received: Vec<_> = answer.iter().filter_map(|&byte| process_byte(&mut msp, timestamp(60_000), byte)).collect();
     assert_eq!((received.len(), msp.rejected_frame_count()), (1, 0));
     answer[9] ^= 1;
-    assert!(answer.iter().all(|&byte| msp.process_byte(timestamp(70_000), byte).is_none()));
+    assert!(answer.iter().all(|&byte| process_byte(&mut msp, timestamp(70_000), byte).is_none()));
     assert_eq!(msp.rejected_frame_count(), 1);
 }
 
 #[test]
 fn only_a_reply_detects_an_msp_peer() {
     let mut msp = Msp::new();
-    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| msp.process_byte(timestamp(0), byte).is_none()));
+    assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| process_byte(&mut msp, timestamp(0), byte).is_none()));
     for (direction, payload) in [(b'!', &b""[..]), (b'>', b"INAV")] {
         let answer = msp_frame(direction, MspFunction::FcVariant as u16, payload);
-        let received: Vec<_> = answer.iter().map(|&byte| msp.process_byte(timestamp(7), byte)).collect();
+        let received: Vec<_> = answer.iter().map(|&byte| process_byte(&mut msp, timestamp(7), byte)).collect();
         let (last, before) = received.split_last().unwrap();
         assert_eq!((*last, before.iter().flatten().count()), (Some(ReceivedMessage::Other), 0));
     }
@@ -228,7 +233,8 @@ fn a_request_that_does_not_fit_is_sent_later() {
     let mut msp = msp_with_firmware(b"ARDU");
     let mut out = TransmitBuffer::new();
     assert!(out.append_message(&[&[0; 380]]));
-    msp.poll(&Snapshot { now: timestamp(0), ..test_snapshot(&Estimate::EMPTY, &Settings::DEFAULT) }, &mut out);
+    let snapshot = Snapshot { now: timestamp(0), ..test_snapshot(&Estimate::EMPTY, &Settings::DEFAULT) };
+    msp.poll(&snapshot, &mut AutopilotSession::default(), &mut out);
     assert_eq!(out.pending_bytes().len(), 380);
     assert!(poll_frames(&mut msp, 25_000, &Estimate::EMPTY).iter().any(|frame| function_of_frame(frame) == 108));
 }

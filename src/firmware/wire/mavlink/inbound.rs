@@ -7,8 +7,9 @@ use core::array::from_fn;
 
 use mavlink_dialect::{
     ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavParamType, PARAM_REQUEST_LIST_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, PayloadLengths, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavParamType, NAMED_VALUE_FLOAT_DATA,
+    PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, PayloadLengths,
+    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::frame::Address;
@@ -38,6 +39,8 @@ pub enum InboundMessage {
     Acknowledgement(Acknowledgement),
     /// PARAM_VALUE: parameter of the sender.
     Parameter(SenderId, ReceivedParameter),
+    /// NAMED_VALUE_FLOAT, with its sender's clock.
+    NamedValue(SenderId, WrappingMillis),
     /// PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET, and its addressee.
     ParameterRequest(Address, ReceivedParameterRequest),
 }
@@ -110,13 +113,14 @@ impl MessageSpec {
 }
 
 /// Supported messages, the most frequent first.
-pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 13] = [
+pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 14] = [
     MessageSpec::from_dialect::<ATTITUDE_DATA>(parse_attitude),
     MessageSpec::from_dialect::<SYS_STATUS_DATA>(parse_system_status),
     MessageSpec::from_dialect::<HEARTBEAT_DATA>(parse_heartbeat),
     MessageSpec::from_dialect::<GLOBAL_POSITION_INT_DATA>(parse_global_position),
     MessageSpec::from_dialect::<BATTERY_STATUS_DATA>(parse_battery_status),
     MessageSpec::from_dialect::<SYSTEM_TIME_DATA>(parse_date),
+    MessageSpec::from_dialect::<NAMED_VALUE_FLOAT_DATA>(parse_named_value),
     MessageSpec::from_dialect::<COMMAND_LONG_DATA>(parse_command_long),
     MessageSpec::from_dialect::<COMMAND_INT_DATA>(parse_command_int),
     MessageSpec::from_dialect::<COMMAND_ACK_DATA>(parse_acknowledgement),
@@ -279,6 +283,11 @@ fn parse_date(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
     let fields = PayloadReader(payload);
     let unix_us = u64::from(fields.read_u32(4)) << 32 | u64::from(fields.read_u32(0));
     Some(InboundMessage::Date(source, Date::from_unix_s(unix_us / 1_000_000)))
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
+fn parse_named_value(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
+    Some(InboundMessage::NamedValue(source, WrappingMillis::new(PayloadReader(payload).read_u32(0))))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]

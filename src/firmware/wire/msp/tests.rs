@@ -262,6 +262,8 @@ fn settings_of_inav_have_their_number_and_the_choice_of_msp() {
         assert_eq!(info(kind, 0, &values), None, "{kind} is no integer");
     }
     assert_eq!(info(4, 0, &[1, 2, 3]), None);
+    let of_longer_name = [b"inav_auto_mag_decl\0", &[0; 17][..], &[1]].concat();
+    assert_eq!(decode_single(&reply_frame(MspFunction::SettingInfo, &of_longer_name)), None, "not cut to another name");
     assert_eq!(decode_single(&reply_frame(MspFunction::SetSetting, &[])), Some(MspReply::Done));
     let refused = msp_frame(b'!', 0x1004, &[]);
     assert_eq!(decode_single(&refused), Some(MspReply::Refused(MspFunction::SetSetting)));

@@ -136,7 +136,6 @@ impl Bench {
             indicator_state: self.indicator,
             calibration: None,
             can_node: None,
-            has_other_mavlink_line: false,
         };
         let context = NodeContext { snapshot, stored_settings: &self.settings };
         self.commands.extend(self.node.poll(&context));

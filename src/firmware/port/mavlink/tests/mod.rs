@@ -59,11 +59,11 @@ impl SentMessage {
 struct MavlinkBench {
     mavlink: Mavlink,
     now_ms: u64,
+    clock_offset_us: u64,
     estimate: Estimate,
     settings: Settings,
     indicator_state: IndicatorState,
     calibration: Option<(Calibration, HeadingUncertainty)>,
-    has_other_mavlink_line: bool,
     /// Free bytes in the output, if limited.
     free_output_bytes: Option<usize>,
     sent_messages: Vec<SentMessage>,
@@ -77,11 +77,11 @@ impl MavlinkBench {
         Self {
             mavlink,
             now_ms: 3_600_000,
+            clock_offset_us: 0,
             estimate: Estimate::EMPTY,
             settings: Settings::DEFAULT,
             indicator_state: IndicatorState::Idle,
             calibration: None,
-            has_other_mavlink_line: false,
             free_output_bytes: None,
             sent_messages: vec![],
         }
@@ -96,7 +96,7 @@ impl MavlinkBench {
     }
 
     fn now(&self) -> Timestamp {
-        Timestamp::from_us(1000 * self.now_ms)
+        Timestamp::from_us(1000 * self.now_ms + self.clock_offset_us)
     }
 
     fn receive(&mut self, bytes: &[u8]) -> Vec<ReceivedMessage> {
@@ -118,7 +118,6 @@ impl MavlinkBench {
             indicator_state: self.indicator_state,
             calibration: self.calibration.as_ref(),
             can_node: None,
-            has_other_mavlink_line: self.has_other_mavlink_line,
         };
         let mut out = TransmitBuffer::new();
         let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);

@@ -99,7 +99,6 @@ impl Bench {
             indicator_state: self.indicator_state,
             calibration: None,
             can_node: Some(125),
-            has_other_mavlink_line: false,
         };
         let mut transmit_buffer = TransmitBuffer::new();
         self.module.poll(&snapshot, &mut transmit_buffer);

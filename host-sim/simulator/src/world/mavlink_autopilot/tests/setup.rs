@@ -1,6 +1,7 @@
 //! The module checks and sets up the autopilot's parameters.
 
 use autoswing_module::compass::AutopilotAction;
+use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
 
 use super::*;
 
@@ -135,6 +136,41 @@ fn an_undo_writes_every_number_of_before_the_setup() {
     assert_eq!(texts, ["nothing-replaced: no setup has replaced a number of the autopilot's"]);
 }
 
+/// Behind the same module: the numbers stay until that autopilot is back, or another setup replaces them.
+#[test]
+fn an_undo_writes_no_number_of_another_autopilot() {
+    let mut inav = crate::world::msp_autopilot::tests::setup::bench_with_own_calibration();
+    let mut ardupilot = bench_with_two_compasses();
+    let mut px4 = Bench::new(MavlinkFirmware::Px4);
+    px4.run_for_s(2);
+    inav.run_action(AutopilotAction::Setup);
+    run_action(&mut ardupilot, AutopilotAction::Setup);
+    run_action(&mut px4, AutopilotAction::Setup);
+    let replaced_yaw_source = ReplacedNumber { row: 0, compass: (0, 0), number: Some(15.0) };
+    let [of_inav, of_ardupilot, of_px4, of_px4_without_compass] = [
+        inav.settings.replaced_numbers,
+        ardupilot.settings.replaced_numbers,
+        px4.settings.replaced_numbers,
+        ReplacedNumbers::NONE.with_number(replaced_yaw_source),
+    ];
+    let refusal = [
+        "other-autopilot: a setup has replaced numbers of another autopilot, and none of this one; connect that one for an undo",
+    ];
+    for replaced_numbers in [of_ardupilot, of_px4, of_px4_without_compass] {
+        inav.settings.replaced_numbers = replaced_numbers;
+        assert_eq!(inav.run_action(AutopilotAction::Undo), refusal);
+    }
+    for (bench, others) in
+        [(&mut ardupilot, &[of_inav, of_px4, of_px4_without_compass][..]), (&mut px4, &[of_inav, of_ardupilot])]
+    {
+        for replaced_numbers in others {
+            bench.settings.replaced_numbers = *replaced_numbers;
+            assert_eq!(run_action(bench, AutopilotAction::Undo), refusal);
+            assert_eq!(bench.settings.replaced_numbers, *replaced_numbers);
+        }
+    }
+}
+
 #[test]
 fn nothing_is_written_that_could_not_be_undone() {
     let mut bench = bench_with_two_compasses();
@@ -179,7 +215,7 @@ fn px4_gets_the_modules_compass_in_a_free_slot() {
     let own = "compass: CAL_MAG0: another compass, I2C bus 1 address 14 (id 396809)";
     let texts = run_action(&mut bench, AutopilotAction::Check);
     assert_eq!(texts[0], own);
-    let unknown = "parameter-wrong: CAL_MAG1_ID is 0, wanted 8944899: PX4 does not arm with a compass that no slot has";
+    let unknown = "parameter-wrong: CAL_MAG1_ID is 0, wanted 8944899: PX4 does not arm with a compass that no slot has; on CAN 2 the id is 8 more";
     assert_eq!(texts[1], unknown);
     let texts = run_action(&mut bench, AutopilotAction::Setup);
     assert!(texts.last().unwrap().contains("15 right, 0 wrong, 3 changed; restart it: autopilot restart"), "{texts:?}");

@@ -4,18 +4,18 @@ use autoswing::frames::Field;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing::time::Timestamp;
-use autoswing_firmware::port::{Msp, Snapshot, TransmitBuffer};
+use autoswing_firmware::port::{Port, Snapshot};
 use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
-use autoswing_module::settings::Settings;
+use autoswing_module::settings::{ProtocolKind, Settings};
 
 use super::*;
 
 /// Module and INAV on a line without delay.
 pub struct Bench {
     autopilot: MspAutopilot,
-    module: Msp,
+    module: Port,
     now_us: u64,
-    settings: Settings,
+    pub settings: Settings,
     is_armed: bool,
     pub is_calibrated: bool,
     notices: Vec<String>,
@@ -25,7 +25,7 @@ impl Bench {
     fn new(answer_faults: AnswerFaults) -> Self {
         let mut bench = Self {
             autopilot: MspAutopilot::new(MspFirmware::Inav, answer_faults, 1),
-            module: Msp::new(),
+            module: Port::new(ProtocolKind::Msp, ProtocolKind::Auto, Timestamp::START),
             now_us: 0,
             settings: Settings::DEFAULT,
             is_armed: false,
@@ -53,32 +53,28 @@ impl Bench {
                 ..Estimate::EMPTY
             };
             let indicator_state = if self.is_calibrated { IndicatorState::Calibrated } else { IndicatorState::Idle };
-            let mut transmit_buffer = TransmitBuffer::new();
-            self.module.poll(
-                &Snapshot {
-                    now,
-                    estimate: &estimate,
-                    settings: &self.settings,
-                    indicator_state,
-                    calibration: None,
-                    can_node: None,
-                    has_other_mavlink_line: false,
-                },
-                &mut transmit_buffer,
-            );
-            self.notices.extend(self.module.take_message(now).map(|notice| notice.to_string()));
-            if let Some(Command::KeepReplacedNumber(replaced)) = self.module.take_command() {
+            self.module.poll(&Snapshot {
+                now,
+                estimate: &estimate,
+                settings: &self.settings,
+                indicator_state,
+                calibration: None,
+                can_node: None,
+            });
+            self.notices.extend(self.module.mavlink.take_message(now).map(|notice| notice.to_string()));
+            if let Some(Command::KeepReplacedNumber(replaced)) = self.module.mavlink.take_command() {
                 self.settings.replaced_numbers = self.settings.replaced_numbers.with_number(replaced);
             }
-            for &byte in transmit_buffer.pending_bytes() {
+            for &byte in self.module.pending_output.pending_bytes() {
                 self.autopilot.receive_byte(self.now_us, byte);
             }
+            self.module.pending_output.consume_bytes(usize::MAX);
         }
     }
 
     /// Texts of an action.
     pub fn run_action(&mut self, action: AutopilotAction) -> Vec<String> {
-        self.module.begin_autopilot_action(action);
+        self.module.begin_autopilot_action(Timestamp::from_us(self.now_us), action);
         self.notices.clear();
         self.run_for_s(40);
         self.notices.clone()
