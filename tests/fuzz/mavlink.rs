@@ -167,6 +167,7 @@ impl stream::IntactFrame<InboundMessage> for IntactFrame {
                     && current.is_none_or(|amperes| amperes.to_bits() == encoded_current.to_bits())
             }
             InboundMessage::Date(source, _) => (id, sender) == (2, source.packed_number()),
+            InboundMessage::NamedValue(source, _) => (id, sender) == (251, source.packed_number()),
             InboundMessage::Command(command) => {
                 let command_number = u16::from_le_bytes([self.payload[28], self.payload[29]]);
                 [75, 76].contains(&id)
