@@ -105,7 +105,7 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
     let mut used_components: [Vec<u8>; 2] = [vec![], vec![]];
     for step in 0..100 * seconds {
         if step % 100 == 0 {
-            for bench in &mut benches {
+            for bench in benches.iter_mut() {
                 drop(bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false)));
             }
         }
