@@ -19,13 +19,13 @@ pub type Setting = SettingRow<Settings>;
 
 /// Declares [`Settings`] and [`SETTINGS`]. A row: name and position as a parameter (none: `""`), tag of the stored
 /// field, field, factory setting, kind of value; words of the command, name of its argument, help; line of `status all`, texts
-/// before and after the value; answer to a value out of its range; states that depend on the setting.
+/// before and after the value; answer to a value out of its range; state that depends on the setting.
 macro_rules! settings {
     ($($(#[$description:meta])*
        $name:literal $index:literal, stored $tag:literal:
        $field:ident: $type:ty = $default:expr, $kind:ident $(($($particular:expr),*))?;
        $words:tt $argument:literal: $help:literal;
-       shown $status:tt, refused $range:expr $(, used by $($dependent:ident),+)?;)*) => {
+       shown $status:tt, refused $range:expr $(, used by $dependent:ident)?;)*) => {
         /// User settings.
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub struct Settings {
@@ -50,7 +50,7 @@ macro_rules! settings {
             help_text: $help,
             status_texts: $status,
             range_text: $range,
-            dependent_states: &[$($(DependentState::$dependent),+)?],
+            dependent_state: [$(DependentState::$dependent,)? DependentState::None][0],
         }),*];
     };
 }
@@ -84,7 +84,7 @@ settings! {
     "MOUNT" 7, stored 9: mount: Orientation = Orientation::IDENTITY_ROTATION, Choice;
         ["set", "mount"] "ORIENTATION":
             "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll";
-        shown ["mount", "", ""], refused "a mounting is one of the 24 right-angle ones", used by Solve, Calibration;
+        shown ["mount", "", ""], refused "a mounting is one of the 24 right-angle ones", used by Calibration;
     "INCLINATION" 6, stored 5: inclination_deg: Option<f32> = None,
         Angle([-90.0, 90.0], |field| Some(field.inclination_deg), "not set, found from the samples");
         ["set", "inclination"] "DEG":
@@ -235,14 +235,13 @@ impl Settings {
     ///
     /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
     pub fn with_setting(mut self, SettingChange { setting, value }: SettingChange) -> Result<Self, OutOfRange> {
-        let (first, second) = match value {
-            SettingValue::Numbers([first, second]) => {
-                (SettingValue::Number(Some(first)), Some(SettingValue::Number(Some(second))))
+        let is_set = match value {
+            SettingValue::Numbers(numbers) => {
+                let mut rows = SETTINGS.iter().skip_while(|row| *row != setting).zip(numbers);
+                rows.all(|(row, number)| row.set_value(&mut self, SettingValue::Number(Some(number))))
             }
-            value => (value, None),
+            value => setting.set_value(&mut self, value),
         };
-        let mut rows = SETTINGS.iter().skip_while(|row| *row != setting).zip([first].into_iter().chain(second));
-        let is_set = rows.all(|(row, value)| row.set_value(&mut self, value));
         if is_set && self.is_valid() { Ok(self) } else { Err(OutOfRange(setting.range_text)) }
     }
 }
@@ -298,10 +297,11 @@ impl SettingChange {
         Self { setting: &SETTINGS[index], value }
     }
 
-    /// Whether a state depends on the setting.
+    /// Whether a state depends on the setting. Calibrations come from solves.
     #[must_use]
     pub fn affects(self, state: DependentState) -> bool {
-        self.setting.dependent_states.contains(&state)
+        let dependent = self.setting.dependent_state;
+        dependent == state || (dependent, state) == (DependentState::Calibration, DependentState::Solve)
     }
 }
 

@@ -31,8 +31,8 @@ pub struct SettingRow<S: 'static> {
     pub status_texts: [&'static str; 3],
     /// Description of the valid range, for a value outside of it.
     pub range_text: &'static str,
-    /// States that depend on the setting, beside the output of headings.
-    pub dependent_states: &'static [DependentState],
+    /// State that depends on the setting, beside the output of headings.
+    pub dependent_state: DependentState,
 }
 
 /// Kind of a setting, with access to its value.
@@ -132,9 +132,11 @@ impl Choice for Orientation {
 /// State that depends on a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DependentState {
+    /// No other state.
+    None,
     /// A solve uses the setting, which must not change during one.
     Solve,
-    /// A calibration is valid for one value of the setting.
+    /// A solve uses the setting, and a calibration is valid for one value of it.
     Calibration,
     /// `on` permits automatic collection again after a manual stop.
     AutomaticStart,
@@ -186,8 +188,7 @@ impl<S: Copy + Default> SettingRow<S> {
             SettingKind::Switch(field, _) => SettingValue::Whole((*field(settings)).into()),
             SettingKind::Choice(field) => {
                 let choice = field(settings);
-                let mut values = named_values(choice).map(|(_, value)| value);
-                values.nth(choice.number().into()).unwrap_or(INVALID_CHOICE)
+                SettingValue::Whole(named_value(choice, choice.number()).map_or(INVALID_CHOICE, |(_, value)| value))
             }
             SettingKind::Whole(field, ..) => SettingValue::Whole((*field(settings)).into()),
             SettingKind::Number(field, ..) | SettingKind::Alignment(field, _) => {
@@ -215,7 +216,7 @@ impl<S: Copy + Default> SettingRow<S> {
     pub(super) fn set_value(&self, settings: &mut S, value: SettingValue) -> bool {
         match (&self.kind, value) {
             (SettingKind::Switch(field, _), SettingValue::Whole(number @ 0..=1)) => *field(settings) = number == 1,
-            (SettingKind::Choice(field), SettingValue::Whole(_)) => {
+            (SettingKind::Choice(field), SettingValue::Whole(value)) => {
                 let choice = field(settings);
                 let Some(number) = named_values(choice).position(|(_, named)| named == value) else { return false };
                 choice.set_number(number as u8);
@@ -247,9 +248,8 @@ impl<S: Copy + Default> SettingRow<S> {
             SettingKind::Switch(..) => Some([0, 1].map(SettingValue::Whole)),
             SettingKind::Choice(field) => {
                 let settings = &mut S::default();
-                let mut values = named_values(field(settings)).map(|(_, value)| value);
-                let first = values.next()?;
-                Some([first, values.last()?])
+                let mut values = named_values(field(settings)).map(|(_, value)| SettingValue::Whole(value));
+                Some([values.next()?, values.last()?])
             }
             SettingKind::Whole(_, range, ..) => Some(range.map(|number| SettingValue::Whole(number.into()))),
             SettingKind::Number(_, range, ..) | SettingKind::Angle(_, range, ..) | SettingKind::Alignment(_, range) => {
@@ -266,7 +266,10 @@ impl<S: Copy + Default> SettingRow<S> {
             SettingKind::Switch(..) => {
                 return [("on", 1), ("off", 0)].get(index).map(|(word, on)| (*word, SettingValue::Whole(*on)));
             }
-            SettingKind::Choice(field) => return named_values(field(&mut S::default())).nth(index),
+            SettingKind::Choice(field) => {
+                let named = named_value(field(&mut S::default()), u8::try_from(index).ok()?);
+                return named.map(|(name, value)| (name, SettingValue::Whole(value)));
+            }
             SettingKind::Number(.., word) => (word?, self.value(&S::default())),
             SettingKind::Angle(..) => ("none", SettingValue::Number(None)),
             SettingKind::Key(_) => ("off", SettingValue::Key(None)),
@@ -277,15 +280,16 @@ impl<S: Copy + Default> SettingRow<S> {
 }
 
 /// Value of a choice with an unknown number, beyond every range.
-const INVALID_CHOICE: SettingValue = SettingValue::Whole(u32::MAX);
+const INVALID_CHOICE: u32 = u32::MAX;
 
-/// Names of a choice with their values by number: the name as a number, or else its position.
-fn named_values(choice: &dyn Choice) -> impl Iterator<Item = (&'static str, SettingValue)> {
-    let nth_value = |number| {
-        let name = choice.nth_name(number)?;
-        Some((name, SettingValue::Whole(name.parse().unwrap_or(number.into()))))
-    };
-    (0..u8::MAX).map_while(nth_value)
+/// Names of a choice and their values, by number.
+fn named_values(choice: &dyn Choice) -> impl Iterator<Item = (&'static str, u32)> {
+    (0..u8::MAX).map_while(|number| named_value(choice, number))
+}
+
+/// Name of a choice with a number, and its value: the name as a number, or else the position.
+fn named_value(choice: &dyn Choice, number: u8) -> Option<(&'static str, u32)> {
+    choice.nth_name(number).map(|name| (name, name.parse().unwrap_or(number.into())))
 }
 
 impl<S> PartialEq for SettingRow<S> {
