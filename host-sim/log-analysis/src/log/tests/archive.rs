@@ -3,7 +3,7 @@
 use std::io::Write as _;
 
 use flate2::Compression;
-use flate2::write::DeflateEncoder;
+use flate2::write::{DeflateEncoder, GzEncoder};
 
 use super::*;
 
@@ -37,6 +37,20 @@ pub(super) fn archive(files: &[(&str, &[u8])], packing: Packing) -> Vec<u8> {
     bytes
 }
 
+fn gzip(content: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(content).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// The first seconds of a table in each packing.
+pub(super) fn small_archives() -> [Vec<u8>; 4] {
+    let table = &encode_csv(&two_compass_recording(&[]))[..2_500];
+    let [stored, deflated, sizes_follow] = [Packing::Stored, Packing::Deflated, Packing::SizesFollow]
+        .map(|packing| archive(&[("flight.csv", table)], packing));
+    [stored, deflated, sizes_follow, gzip(table)]
+}
+
 #[test]
 fn the_only_log_of_an_archive_is_read() {
     let table = encode_csv(&two_compass_recording(&[]));
@@ -55,12 +69,10 @@ fn the_only_log_of_an_archive_is_read() {
 fn each_log_of_an_archive_is_visited() {
     let table = encode_csv(&two_compass_recording(&[]));
     let blackbox = encode_blackbox(&two_compass_recording(&[]));
-    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), Compression::fast());
-    gzip.write_all(&table).unwrap();
     let inner = archive(&[("flight.csv", &table)], Packing::Deflated);
     let [json, ..] = decoded::logs_in_each_syntax();
     let files: [(&str, &[u8]); 5] = [
-        ("a.csv.gz", &gzip.finish().unwrap()),
+        ("a.csv.gz", &gzip(&table)),
         ("b.json", &json),
         ("LOG1.TXT", &[&blackbox[..], &blackbox].concat()),
         ("day.zip", &inner),

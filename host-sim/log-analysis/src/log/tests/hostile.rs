@@ -39,6 +39,9 @@ fn fuzz_readers(input_count: usize) {
     for bytes in decoded::logs_in_each_syntax() {
         fuzz_reader("decoded", &bytes, &read_bytes, input_count);
     }
+    for bytes in archive::small_archives() {
+        fuzz_reader("archive", &bytes, &read_bytes, input_count);
+    }
     for tables in table_set::tables_of_each_recorder() {
         for (index, (name, text)) in tables.iter().enumerate() {
             let read_damaged = |damaged: &[u8]| {
