@@ -105,7 +105,9 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
     let mut used_components: [Vec<u8>; 2] = [vec![], vec![]];
     for step in 0..100 * seconds {
         if step % 100 == 0 {
-            benches.iter_mut().for_each(|bench| drop(bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false))));
+            for bench in benches.iter_mut() {
+                bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
+            }
         }
         // Both send before either receives.
         let sent_messages = benches.each_mut().map(|bench| {
@@ -122,7 +124,7 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
                         benches[to].receive(&mavlink_heartbeat(sent.sender, false, false));
                     }
                     NAMED_VALUE_ID => {
-                        benches[to].receive(&mavlink_v2_frame(sent.sender, 251, 170, &sent.payload[..18]));
+                        benches[to].receive(&mavlink_v2_frame(sent.sender, NAMED_VALUE_ID, 170, &sent.payload[..18]));
                     }
                     _ => {}
                 }
@@ -163,7 +165,7 @@ fn a_claimed_component_is_given_up_for_another_module_alone() {
             let own = bench.take_messages(NAMED_VALUE_ID).pop().map(|sent| sent.payload[..18].to_vec());
             if let Some(payload) = if is_own_value { own } else { Some(vec![7; 18]) } {
                 let sender = [1, bench.settings.component];
-                bench.receive(&mavlink_v2_frame(sender, NAMED_VALUE_ID.into(), 170, &payload));
+                bench.receive(&mavlink_v2_frame(sender, NAMED_VALUE_ID, 170, &payload));
             }
             bench.receive(&mavlink_heartbeat(AUTOPILOT, true, is_armed));
             bench.receive(&attitude_frame(AUTOPILOT, 0));
