@@ -20,7 +20,6 @@ mod transmit_buffer;
 pub use dronecan::{BOOT_LOADER_HANDOVER_LENGTH, CanNode, NodeContext, UpdateForBootLoader};
 pub use mavlink::Mavlink;
 pub use message_schedule::MessageSchedule;
-pub use msp::Msp;
 pub use nmea::Nmea;
 pub use protocol_detection::Port;
 pub use received_message::ReceivedMessage;

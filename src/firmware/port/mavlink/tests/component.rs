@@ -106,7 +106,7 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
     for step in 0..100 * seconds {
         if step % 100 == 0 {
             for bench in benches.iter_mut() {
-                drop(bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false)));
+                bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));
             }
         }
         // Both send before either receives.
@@ -124,7 +124,7 @@ fn run_two_modules(benches: &mut [MavlinkBench; 2], seconds: u64) {
                         benches[to].receive(&mavlink_heartbeat(sent.sender, false, false));
                     }
                     NAMED_VALUE_ID => {
-                        benches[to].receive(&mavlink_v2_frame(sent.sender, 251, 170, &sent.payload[..18]));
+                        benches[to].receive(&mavlink_v2_frame(sent.sender, NAMED_VALUE_ID, 170, &sent.payload[..18]));
                     }
                     _ => {}
                 }
