@@ -77,9 +77,9 @@ pub struct WantedParameter {
 /// Number that a parameter is to have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WantedNumber {
-    /// This one.
+    /// A constant.
     Fixed(f32),
-    /// The one that it has, written again.
+    /// Its present number, written again.
     Present,
     /// Device id of the module's node on the CAN bus.
     CanDevice,

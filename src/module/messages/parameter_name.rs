@@ -18,7 +18,7 @@ impl ParameterName {
         Self(name)
     }
 
-    /// Name by a pattern: `#` stands for the compass's slot and `^` for its priority, of which the first have no digit;
+    /// Name by a pattern: `#` stands for the compass's slot and `^` for its priority, without a digit for the first;
     /// `@` is the slot counted from 0.
     #[must_use]
     pub fn from_pattern(pattern: &str, slot: u8, priority: u8) -> Self {

@@ -19,8 +19,8 @@ struct Thinning {
 
 const OF_A_LOG: Thinning = Thinning { max_rows: MAX_ROWS, min_row_thinning_rate_hz: 20.0 };
 
-/// Gyro and accelerometer lose what is between the rows, so whole parts are dropped up to 200 Hz, and two hours at 100 Hz
-/// are stored while the log is read.
+/// The integral of a rate needs every row, so up to 200 Hz whole parts are dropped. Two hours at 100 Hz are stored while
+/// the log is read.
 const OF_INERTIAL_SENSOR: Thinning = Thinning { max_rows: 8 * MAX_ROWS, min_row_thinning_rate_hz: 200.0 };
 
 /// A row of `N` values with its time.

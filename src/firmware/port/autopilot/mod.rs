@@ -1,8 +1,8 @@
 //! Check and setup of an autopilot's parameters, on any line: MAVLink, or MSP of INAV.
 //!
-//! A line asks for the due request, encodes it, and passes the answers on. [`AutopilotSession`] is the rest: one request
-//! at a time with repetitions (`parameter_client.rs`), what is read, compared and written (`setup.rs`), and the table of
-//! parameters (`wanted_parameters.rs`).
+//! A line asks for the due request, encodes it, and passes the answers on. [`AutopilotSession`] does the rest: it makes
+//! one request at a time, with repetitions (`parameter_client.rs`), and reads, compares and writes (`setup.rs`) the
+//! parameters of a table (`wanted_parameters.rs`).
 
 mod parameter_client;
 mod setup;

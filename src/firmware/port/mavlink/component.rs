@@ -92,7 +92,7 @@ impl ComponentClaim {
         }
     }
 
-    /// Processes a named value of the autopilot's system, with its sender's clock. One that was sent last comes back.
+    /// Processes a named value of the autopilot's system, with its sender's clock. The module's last one may come back.
     pub fn on_named_value(&mut self, component: u8, sender_clock: WrappingMillis) {
         self.is_shared |= component == self.component
             && self.is_claimed()
@@ -112,8 +112,8 @@ impl ComponentClaim {
         }
     }
 
-    /// Follows the settings; returns the component to take in place of one that is taken. In flight, and beside another
-    /// line of this module, whose heartbeats arrive here, it is not changed.
+    /// Follows the settings; returns a new component if another module has this one. In flight, and beside another line of
+    /// this module, whose heartbeats arrive here, the component stays.
     pub fn update(&mut self, now: Timestamp, component: u8, is_armed: bool) -> Option<u8> {
         let is_settled = is_armed || self.has_other_line;
         if self.is_shared && !is_settled {
@@ -147,7 +147,7 @@ impl ComponentClaim {
     }
 }
 
-/// Component to take in place of one that is taken.
+/// Component after one that another module has.
 const fn next_component(taken: u8) -> u8 {
     if taken == Settings::DEFAULT.component || taken >= LAST_COMPONENT { SECOND_COMPONENT } else { taken + 1 }
 }

@@ -37,8 +37,8 @@ impl PendingTexts {
         };
         let is_only = chunk.is_last && chunk.index == 0;
         let text_id = if is_only { 0 } else { self.text_id.max(1) };
-        // Of several chunks the first one that is not full is the last: others are filled, and an empty one follows a
-        // full last one.
+        // A chunk that is not full ends the text: all before the last are filled, and an empty chunk follows a full last
+        // one.
         let mut text = [if chunk.is_last { 0 } else { b' ' }; OutboundMessage::STATUSTEXT_CAPACITY];
         text.iter_mut().zip(chunk.characters).for_each(|(target, source)| *target = *source);
         let was_last = is_only || chunk.is_last && chunk.characters.len() < text.len();

@@ -306,7 +306,7 @@ fn decode_reply(frame: &[u8]) -> Option<MspReply> {
 fn parse_setting(payload: &[u8]) -> Option<SettingInfo> {
     const FIELDS_LENGTH: usize = 17;
     const MAX_INTEGER_KIND: u8 = 4;
-    // A longer name is none that was asked for.
+    // The module asks for no longer name.
     let name_length = payload.iter().take(size_of::<ParameterName>() + 1).position(|byte| *byte == 0)?;
     let (name, rest) = payload.split_at_checked(name_length)?;
     let [_, fields @ ..] = rest else { return None };
