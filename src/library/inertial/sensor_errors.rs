@@ -62,7 +62,8 @@ impl SensorOffsets {
 
     /// Variances of the gyro's offset, (rad/s)^2, and of the accelerometer's, (m/s^2)^2, before a new estimate.
     pub(super) fn variances(&self, errors: &InertialSensorErrors) -> ([f32; 3], f32) {
-        let is_known = self.gyro_sigma_rad_s < Self::UNKNOWN.gyro_sigma_rad_s;
+        // Another temperature makes the sigmas of no estimate still larger.
+        let is_known = self.gyro_sigma_rad_s[0] < Self::UNKNOWN.gyro_sigma_rad_s[0];
         let accelerometer_m_s2 = errors.accelerometer_offset_m_s2;
         (
             self.gyro_sigma_rad_s.map(|sigma_rad_s| square(sigma_rad_s.min(errors.gyro_offset_rad_s))),

@@ -206,30 +206,33 @@ impl Instrument {
         }
     }
 
-    /// The field of a reading without the motor current's interference, the same calibrated, and that current. A current that the
-    /// field strength contradicts, and fits the mean current, is dropped: a broken or forged report.
+    /// The field of a reading without the motor current's interference, the same calibrated, and that current. A current
+    /// that the field strength contradicts, and fits the mean current, is dropped: a broken or forged report.
     fn correct_reading(
         &mut self,
         at: Timestamp,
         field: Field<Sensor>,
+        is_faulty: bool,
     ) -> (Field<Sensor>, Option<Field<Body>>, Option<f32>) {
-        let with_current = |instrument: &Self, current_a: Option<f32>| {
+        let corrected_at = |instrument: &Self, current_a: Option<f32>| {
             let field = instrument.active_calibration.remove_motor_current(field, current_a);
-            let corrected = instrument.active_calibration.calibrated_field(field);
-            let has_calibrated_strength = corrected.is_some_and(|body| instrument.has_calibrated_strength(body));
-            ((field, corrected, current_a), has_calibrated_strength)
+            (field, instrument.active_calibration.calibrated_field(field))
         };
-        let (reported, fits_reported) = with_current(self, self.current_a(at));
-        if reported.2.is_none() || fits_reported {
-            return reported;
+        let has_strength = |instrument: &Self, corrected: Option<Field<Body>>| {
+            corrected.is_some_and(|body| instrument.has_calibrated_strength(body))
+        };
+        let current_a = self.current_a(at);
+        let (reported_field, corrected) = corrected_at(self, current_a);
+        if current_a.is_some() && !is_faulty && !has_strength(self, corrected) {
+            let (mean_field, corrected_at_mean) = corrected_at(self, None);
+            if has_strength(self, corrected_at_mean) {
+                self.motor_current = None;
+                let count = &mut self.rejection_counts.contradicted_currents;
+                *count = count.wrapping_add(1);
+                return (mean_field, corrected_at_mean, None);
+            }
         }
-        let (mean, fits_mean) = with_current(self, None);
-        if !fits_mean {
-            return reported;
-        }
-        self.motor_current = None;
-        self.rejection_counts.contradicted_currents = self.rejection_counts.contradicted_currents.wrapping_add(1);
-        mean
+        (reported_field, corrected, current_a)
     }
 
     fn current_a(&self, at: Timestamp) -> Option<f32> {
@@ -250,7 +253,7 @@ impl Instrument {
             self.pairing_queue.push_field(at, reading.field);
             self.attitude_track.update_raw_field(reading.field);
         }
-        let (field, corrected, current_a) = self.correct_reading(at, reading.field);
+        let (field, corrected, current_a) = self.correct_reading(at, reading.field, fault.is_some());
         let body_field = corrected.filter(|_| fault.is_none());
         if let Some(body_field) = body_field {
             self.attitude_track.update_field(body_field);

@@ -18,8 +18,8 @@ impl ParameterName {
         Self(name)
     }
 
-    /// Name by a pattern: `#` stands for the compass's slot and `^` for its priority, without a digit for the first;
-    /// `@` is the slot counted from 0.
+    /// Name by a pattern: `#` is replaced by the compass's slot and `^` by its priority, both by nothing for 1, and `@` by
+    /// the slot counted from 0.
     #[must_use]
     pub fn from_pattern(pattern: &str, slot: u8, priority: u8) -> Self {
         let digit_after_first = |number| (number != 1).then_some(b'0' + number);

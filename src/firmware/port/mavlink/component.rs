@@ -147,7 +147,7 @@ impl ComponentClaim {
     }
 }
 
-/// Component after one that another module has.
+/// Component to try after `taken`, which another module uses.
 const fn next_component(taken: u8) -> u8 {
     if taken == Settings::DEFAULT.component || taken >= LAST_COMPONENT { SECOND_COMPONENT } else { taken + 1 }
 }

@@ -277,8 +277,11 @@ impl Mavlink {
     }
 
     fn send_named_value(&mut self, now: Timestamp, name: &str, value: f32, line: &mut Transmitter<'_>) -> bool {
-        self.component_claim.on_named_value_sent(now);
-        line.send_message(OutboundMessage::named_value(now, name, value))
+        let is_sent = line.send_message(OutboundMessage::named_value(now, name, value));
+        if is_sent {
+            self.component_claim.on_named_value_sent(now);
+        }
+        is_sent
     }
 }
 

@@ -1,4 +1,4 @@
-//! Simulated autopilot with bidirectional MAVLink and the attitude of an [`SimulatedAttitudeSource`].
+//! Simulated autopilot with bidirectional MAVLink and the attitude of a [`SimulatedAttitudeSource`].
 //!
 //! A pure state machine: the caller passes time and bytes. It answers message requests as real firmwares do, as far as
 //! the module can observe. [`FarEnd`](super::cable_far_end::FarEnd) attaches it to a cable.
