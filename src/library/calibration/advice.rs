@@ -270,18 +270,14 @@ pub(in crate::calibration) fn select_manoeuvre(
 ) -> Option<Advice> {
     let &ConvergedFit { likelihood, unknowns, calibration, .. } = fit;
     let envelope = fit.envelope();
-    let covariance = |information: &Information, errors: CovarianceContent| {
-        let mut covariance = CoefficientCovariance::ZERO;
-        sandwich_covariance(information, likelihood, unknowns, (errors, sigmas), &mut covariance).map(|()| covariance)
+    // One covariance for all candidates: the solver's stack is deepest here.
+    let mut covariance = CoefficientCovariance::ZERO;
+    sandwich_covariance(information, likelihood, unknowns, (CovarianceContent::All, sigmas), &mut covariance)?;
+    let current_error = expected_error::expected_heading_error(calibration, &covariance, envelope)?;
+    let mut rms_deg = |information: &Information, errors: CovarianceContent| {
+        sandwich_covariance(information, likelihood, unknowns, (errors, sigmas), &mut covariance)?;
+        expected_error::expected_rms_deg(calibration, &covariance, envelope)
     };
-    let rms_deg = |information: &Information, errors: CovarianceContent| {
-        expected_error::expected_rms_deg(calibration, &covariance(information, errors)?, envelope)
-    };
-    let current_error = expected_error::expected_heading_error(
-        calibration,
-        &covariance(information, CovarianceContent::All)?,
-        envelope,
-    )?;
     let parameters = ModelParameters::from_unknowns(unknowns);
     // Samples without attitude show no motion.
     let is_banking = fit.method == Method::Ellipsoid || banks_into_turns(fit.samples);

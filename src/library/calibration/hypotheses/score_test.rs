@@ -13,7 +13,7 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{ResidualEquation, Vector13};
 
 /// Sums over the residuals of the samples.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(in crate::calibration) struct ScoreTest<const K: usize> {
     /// Cross information `H_ub`, by unknown of the hypothesis.
     pub cross_information: [Vector13; K],
