@@ -1,11 +1,13 @@
 //! The module without an autopilot: roll, pitch and body rates of its own gyro and accelerometer.
 
 use autoswing::attitude::AttitudeSource;
+use mavlink_dialect::{ATTITUDE_DATA, MessageData as _};
 use simulator::mission::{TurnPlan, fly_mission};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
+use testkit::frames::mavlink_heartbeat;
 
 use crate::fixtures::{share_of_flights, status_line};
 
@@ -94,6 +96,39 @@ fn a_board_without_the_chip_refuses_its_attitude() {
     assert_eq!(status_line(&mut rig, "gyro: "), "not found");
     assert!(rig.send_console_line("set attitude autopilot").contains("ok attitude-source autopilot"));
     assert!(status_line(&mut rig, "attitude: ").starts_with("roll"));
+}
+
+/// Roll, pitch and yaw of the ATTITUDE messages that the module has sent as a system of its own, radians.
+fn sent_attitudes_rad(rig: &Rig) -> Vec<[f32; 3]> {
+    const SENDER_AND_MESSAGE: [u8; 5] = [1, 158, ATTITUDE_DATA::ID as u8, 0, 0];
+    let bytes = rig.autopilot.receive_bytes();
+    let frames = bytes.windows(34).filter(|frame| frame[0] == 0xFD && frame[5..10] == SENDER_AND_MESSAGE);
+    frames.map(|frame| [14, 18, 22].map(|at| f32::from_le_bytes(frame[at..at + 4].try_into().unwrap()))).collect()
+}
+
+/// A ground station on the line of a module without an autopilot gets its attitude ten times a second, without a yaw before
+/// the calibration; while nobody sends MAVLink, the line has none.
+#[test]
+fn a_ground_station_gets_the_own_attitude() {
+    let mut rig = held_rig(AttitudeSource::Own);
+    rig.run_for_s(1.0);
+    rig.send_console_line("set attitude own");
+    rig.run_for_s(5.0);
+    assert!(sent_attitudes_rad(&rig).is_empty());
+    for _ in 0..5 {
+        rig.autopilot.send_bytes(&mavlink_heartbeat([255, 190], false, false));
+        rig.run_for_s(1.0);
+    }
+    let attitudes_rad = sent_attitudes_rad(&rig);
+    assert!((45..=51).contains(&attitudes_rad.len()), "{}", attitudes_rad.len());
+    for [roll_rad, pitch_rad, yaw_rad] in attitudes_rad {
+        let [roll_deg, pitch_deg] = [roll_rad, pitch_rad].map(f32::to_degrees);
+        assert!((roll_deg - 20.0).abs() < 6.0 && (pitch_deg + 10.0).abs() < 6.0 && yaw_rad.is_nan(), "{roll_deg}");
+    }
+    rig.run_for_s(11.0);
+    let _ = sent_attitudes_rad(&rig);
+    rig.run_for_s(2.0);
+    assert!(sent_attitudes_rad(&rig).is_empty());
 }
 
 /// An autopilot that boots is waited for, and replaces the own attitude for good.

@@ -64,7 +64,7 @@ fn append_own_attitude(snapshot: &Snapshot<'_>, heading: Option<Heading>, out: &
     let true_heading_deg = heading
         .zip(snapshot.settings.declination_deg)
         .map(|(heading, declination_deg)| heading.magnetic_deg() + declination_deg);
-    let rot = estimate.turn_rate_rad_s.map(nmea::rot_sentence);
+    let rot = estimate.euler_rates.map(|rates| nmea::rot_sentence(rates.heading_rad_s));
     let pashr =
         nmea::pashr_sentence(true_heading_deg, attitude, sigmas_rad, heading.map(|heading| heading.sigma_deg()));
     out.append_message(&[rot.as_deref().unwrap_or_default(), &nmea::xdr_sentence(attitude), &pashr]);
@@ -74,6 +74,7 @@ fn append_own_attitude(snapshot: &Snapshot<'_>, heading: Option<Heading>, out: &
 mod tests {
     use super::*;
     use crate::port::snapshot::tests::test_snapshot;
+    use autoswing::attitude::EulerRates;
     use autoswing::frames::RollPitch;
     use autoswing::instrument::Estimate;
     use autoswing::time::Timestamp;
@@ -104,7 +105,7 @@ mod tests {
             heading: Ok(RAW_HEADING),
             attitude: Some(RollPitch::from_deg(3.0, -4.5)),
             tilt_sigmas_rad: Some([0.009, 0.007]),
-            turn_rate_rad_s: Some(-2_f32.to_radians()),
+            euler_rates: Some(EulerRates { heading_rad_s: -2_f32.to_radians(), ..EulerRates::default() }),
             ..Estimate::EMPTY
         };
         let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());

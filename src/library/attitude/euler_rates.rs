@@ -42,7 +42,8 @@ impl EulerRates {
     }
 
     /// Body rates p, q, r at an attitude, rad/s: the inverse of [`from_body_rates`](Self::from_body_rates).
-    pub(crate) fn to_body_rates(self, attitude: RollPitch) -> [f32; 3] {
+    #[must_use]
+    pub fn to_body_rates(self, attitude: RollPitch) -> [f32; 3] {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
         let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let about_level = self.heading_rad_s * cos_pitch;

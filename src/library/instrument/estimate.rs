@@ -1,7 +1,7 @@
 //! Results of the instrument at one time, and counters of rejected inputs.
 
 use super::monitor::InstallationChange;
-use crate::attitude::RejectedReports;
+use crate::attitude::{EulerRates, RejectedReports};
 use crate::frames::{Body, Field, RollPitch};
 use crate::heading::{Heading, NoHeading};
 use crate::time::Timestamp;
@@ -27,8 +27,8 @@ pub struct Estimate {
     pub attitude: Option<RollPitch>,
     /// Standard deviations of roll and pitch, radians, of an attitude of the module's own sensors.
     pub tilt_sigmas_rad: Option<[f32; 2]>,
-    /// Rate of turn, radians per second, clockwise positive, by a gyro.
-    pub turn_rate_rad_s: Option<f32>,
+    /// Rates of the attitude and of the heading by a gyro.
+    pub euler_rates: Option<EulerRates>,
     /// Change of hard iron since the calibration, once significant.
     pub installation_change: Option<InstallationChange>,
     /// Motor current, amperes, if reported recently.
@@ -45,7 +45,7 @@ impl Estimate {
         smoothed_heading: None,
         attitude: None,
         tilt_sigmas_rad: None,
-        turn_rate_rad_s: None,
+        euler_rates: None,
         installation_change: None,
         current_a: None,
     };

@@ -277,7 +277,7 @@ impl Instrument {
             smoothed_heading,
             attitude: attitude.ok(),
             tilt_sigmas_rad: self.own_tilt_sigmas_rad(),
-            turn_rate_rad_s: gyro_heading.map(|gyro_heading| gyro_heading.euler_rates.heading_rad_s),
+            euler_rates: gyro_heading.map(|gyro_heading| gyro_heading.euler_rates),
             installation_change: self.installation_change(),
             current_a,
         }

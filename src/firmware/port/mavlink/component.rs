@@ -112,10 +112,10 @@ impl ComponentClaim {
         }
     }
 
-    /// Follows the settings; returns a new component if another module has this one. In flight, and beside another line of
-    /// this module, whose heartbeats arrive here, the component stays.
-    pub fn update(&mut self, now: Timestamp, component: u8, is_armed: bool) -> Option<u8> {
-        let is_settled = is_armed || self.has_other_line;
+    /// Follows the settings; returns a new component if another module has this one. A settled component stays: in flight,
+    /// without an autopilot, and beside another line of this module, whose heartbeats arrive here.
+    pub fn update(&mut self, now: Timestamp, component: u8, is_settled: bool) -> Option<u8> {
+        let is_settled = is_settled || self.has_other_line;
         if self.is_shared && !is_settled {
             self.is_shared = false;
             if self.shared_count < MAX_SHARED_COUNT {

@@ -1,8 +1,8 @@
 //! MAVLink: the module as a component, usually 158, a peripheral, of the autopilot's system.
 //!
 //! The autopilot is the selected sender of attitude, or without attitude the first autopilot that sends a heartbeat.
-//! Until one is known the module sends nothing, because neither its system nor the use of MAVLink on the line is known.
-//! Afterwards it
+//! Until one is known the module sends nothing, because its system is not known; with an attitude of its own it is a
+//! component of system 1, and sends that attitude. Beside an autopilot it
 //!
 //! - sends a heartbeat with its state once a second;
 //! - requests attitude, current, position and time from the autopilot;
@@ -37,7 +37,7 @@ use crate::port::snapshot::Snapshot;
 use crate::port::transmit_buffer::TransmitBuffer;
 use crate::wire::mavlink::{Address, InboundMessage, MavlinkReceiver, OutboundMessage, Pose, ReceivedParameterRequest};
 use autopilot_parameters::AutopilotParameters;
-use autoswing::attitude::{AttitudeReport, SenderId, SenderSelector};
+use autoswing::attitude::{AttitudeReport, HAS_OWN_ATTITUDE, SenderId, SenderSelector};
 use autoswing::calibration::Calibration;
 use autoswing::frames::wrap_pi;
 use autoswing::heading::{Heading, NoHeading};
@@ -60,12 +60,19 @@ const HEARTBEAT_HZ: u8 = 1;
 /// Rate of named values, heading and sigma in turn, Hz.
 const HEADING_OR_SIGMA_HZ: u8 = 10;
 const PROGRESS_PERCENT_HZ: u8 = 1;
+/// Rate of the attitude without an autopilot, Hz.
+const ATTITUDE_HZ: u8 = 10;
+
+/// System of a module without an autopilot.
+const LONE_SYSTEM: Address = Address { system_id: 1, component_id: 0 };
 
 /// MAVLink protocol of a port.
 #[derive(Debug, Default)]
 pub struct Mavlink {
     receiver: MavlinkReceiver,
     sender_selector: SenderSelector,
+    /// Whether the module is a system of its own, without an autopilot.
+    is_alone: bool,
     sequence_number: u8,
     component_claim: ComponentClaim,
     /// Command that changes the component, and the message about it.
@@ -83,6 +90,7 @@ pub struct Mavlink {
     smoothed_calibration: Option<u8>,
     heartbeat_schedule: MessageSchedule,
     heading_schedule: MessageSchedule,
+    attitude_schedule: MessageSchedule,
     /// Whether the next named value is the heading's sigma.
     is_sigma_next: bool,
     progress_percent_schedule: MessageSchedule,
@@ -147,17 +155,24 @@ impl Mavlink {
         self.component_claim.has_other_line = has_other_line;
     }
 
+    /// System of which the module is a component.
+    fn system(&self, now: Timestamp) -> Option<SenderId> {
+        let autopilot = self.sender_selector.autopilot_to_query(now);
+        autopilot.or(self.is_alone.then_some(LONE_SYSTEM.sender_id()))
+    }
+
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.sender_selector.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
+        let system = self.system(at);
         let own_component = self.component_claim.component();
         let is_own_system = |source: SenderId| {
             let system_id = |sender| Address::from_sender(sender).system_id;
-            autopilot.is_some_and(|autopilot| system_id(autopilot) == system_id(source))
+            system.is_some_and(|system| system_id(system) == system_id(source))
         };
         let is_component = |target: Address, component_id| {
-            let own_address = |autopilot| Address { component_id, ..Address::from_sender(autopilot) };
-            autopilot.is_some_and(|autopilot| is_addressed_to(target, own_address(autopilot)))
+            let own_address = |system| Address { component_id, ..Address::from_sender(system) };
+            system.is_some_and(|system| is_addressed_to(target, own_address(system)))
         };
         let is_own = |target: Address| is_component(target, own_component);
         match message {
@@ -270,6 +285,21 @@ impl Mavlink {
             && line.send_message(OutboundMessage::heartbeat(mav_state(snapshot.indicator_state)))
     }
 
+    /// Sends roll, pitch, heading and body rates, the heading true if the declination is known.
+    fn send_attitude(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
+        let Some(attitude) = snapshot.estimate.attitude else { return false };
+        if !snapshot.settings.stream_on || !self.attitude_schedule.is_due(snapshot.now, ATTITUDE_HZ) {
+            return false;
+        }
+        let declination_rad = snapshot.settings.declination_deg.unwrap_or(0.0).to_radians();
+        let yaw_rad = snapshot.selected_heading().0.map(|heading| wrap_pi(heading.magnetic_rad + declination_rad));
+        line.send_message(OutboundMessage::attitude(
+            snapshot.estimate.timestamp,
+            [attitude.roll_rad, attitude.pitch_rad, yaw_rad.unwrap_or(f32::NAN)],
+            snapshot.estimate.euler_rates.map_or([f32::NAN; 3], |rates| rates.to_body_rates(attitude)),
+        ))
+    }
+
     fn send_progress_percent(&mut self, snapshot: &Snapshot<'_>, line: &mut Transmitter<'_>) -> bool {
         let percent = f32::from(progress_percent(snapshot.indicator_state));
         self.progress_percent_schedule.is_due(snapshot.now, PROGRESS_PERCENT_HZ)
@@ -316,9 +346,12 @@ impl Mavlink {
         let now = snapshot.now;
         self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
-        let Some(autopilot) = self.sender_selector.autopilot_to_query(now) else { return };
+        let autopilot = self.sender_selector.autopilot_to_query(now);
+        self.is_alone = HAS_OWN_ATTITUDE && autopilot.is_none() && snapshot.estimate.tilt_sigmas_rad.is_some();
+        let Some(system) = self.system(now) else { return };
         let is_armed = self.sender_selector.is_armed(now);
-        if let Some(component) = self.component_claim.update(now, snapshot.settings.component, is_armed == Some(true)) {
+        let is_settled = is_armed == Some(true) || self.is_alone;
+        if let Some(component) = self.component_claim.update(now, snapshot.settings.component, is_settled) {
             self.component_change = component_change(component);
             self.component_notice = Some(Notice::ComponentTaken { taken: snapshot.settings.component, component });
         }
@@ -326,15 +359,18 @@ impl Mavlink {
         let (mut sequence, mut signatures) = (self.sequence_number, core::mem::take(&mut self.receiver.signatures));
         let line = &mut Transmitter::new(
             out,
-            (autopilot, self.component_claim.sender_component()),
+            (system, self.component_claim.sender_component()),
             &mut sequence,
             &mut signatures,
         );
         let is_sent = is_claimed && self.command_handler.send_next_acknowledgement(line)
-            || self.send_pose(snapshot, is_armed == Some(true), line)
+            || !self.is_alone && self.send_pose(snapshot, is_armed == Some(true), line)
             || is_claimed && self.send_heartbeat(snapshot, line)
-            || self.autopilot_parameters.send_due_request(snapshot, is_armed == Some(false), line)
-            || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            || self.is_alone && self.send_attitude(snapshot, line)
+            || autopilot.is_some_and(|autopilot| {
+                self.autopilot_parameters.send_due_request(snapshot, is_armed == Some(false), line)
+                    || self.request_sequence.send_due_request(now, autopilot, snapshot.settings.attitude_rate_hz, line)
+            })
             || is_claimed
                 && (self.own_parameters.send_next_parameter(snapshot.settings, line)
                     || self.collection_reporter.send_report_or_progress(snapshot, line)

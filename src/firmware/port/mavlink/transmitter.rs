@@ -13,14 +13,14 @@ pub(in crate::port) struct Transmitter<'a> {
 }
 
 impl<'a> Transmitter<'a> {
-    /// Creates a sender: a component of an autopilot's system.
+    /// Creates a sender: a component of a system.
     pub fn new(
         out: &'a mut TransmitBuffer,
-        (autopilot, component_id): (SenderId, u8),
+        (system, component_id): (SenderId, u8),
         sequence: &'a mut u8,
         signatures: &'a mut Signatures,
     ) -> Self {
-        let own_address = Address { component_id, ..Address::from_sender(autopilot) };
+        let own_address = Address { component_id, ..Address::from_sender(system) };
         Self { transmit_buffer: out, own_address, sequence_number: sequence, signatures }
     }
 

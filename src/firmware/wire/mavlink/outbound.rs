@@ -5,10 +5,10 @@
 //! dialect's, if it has them.
 
 use mavlink_dialect::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAG_CAL_REPORT_DATA, MagCalStatus, MavAutopilot, MavCmd,
-    MavDataStream, MavParamType, MavResult, MavSeverity, MavState, MavType, MessageData, NAMED_VALUE_FLOAT_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, REQUEST_DATA_STREAM_DATA, STATUSTEXT_DATA,
-    VISION_POSITION_ESTIMATE_DATA,
+    ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAG_CAL_REPORT_DATA, MagCalStatus,
+    MavAutopilot, MavCmd, MavDataStream, MavParamType, MavResult, MavSeverity, MavState, MavType, MessageData,
+    NAMED_VALUE_FLOAT_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, REQUEST_DATA_STREAM_DATA,
+    STATUSTEXT_DATA, VISION_POSITION_ESTIMATE_DATA,
 };
 
 use super::frame::{Address, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
@@ -69,6 +69,16 @@ impl OutboundMessage {
         let (kind, autopilot) = (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID);
         let mut message = Self::from_dialect::<HEARTBEAT_DATA>();
         message.put_bytes(&[0, 0, 0, 0, kind.0, autopilot.0, 0, state.0, MAVLINK_VERSION]);
+        message
+    }
+
+    /// ATTITUDE: roll, pitch and heading, radians, -pi..pi, and body rates, rad/s; NaN where unknown.
+    #[must_use]
+    pub fn attitude(at: Timestamp, roll_pitch_yaw_rad: [f32; 3], body_rates_rad_s: [f32; 3]) -> Self {
+        let mut message = Self::from_dialect::<ATTITUDE_DATA>();
+        message.put_bytes(&at.wrapping_millis().as_ms().to_le_bytes());
+        message.put_floats(&roll_pitch_yaw_rad);
+        message.put_floats(&body_rates_rad_s);
         message
     }
 
