@@ -4,7 +4,7 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::Mutex;
-use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, RawMutex as _};
+use embassy_sync::blocking_mutex::raw::{self, RawMutex as _};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::{Receiver, Watch};
@@ -79,13 +79,20 @@ impl AutopilotLine {
     }
 }
 
+/// Keeps tasks of two priorities apart.
+#[cfg(target_os = "none")]
+type TaskMutex = raw::CriticalSectionRawMutex;
+/// Simulated tasks share one thread.
+#[cfg(not(target_os = "none"))]
+type TaskMutex = raw::NoopRawMutex;
+
 /// Channel whose sender never waits: an item that finds it full is counted and dropped.
-pub(super) type TaskQueue<T, const N: usize> = Channel<CriticalSectionRawMutex, T, N>;
+pub(super) type TaskQueue<T, const N: usize> = Channel<TaskMutex, T, N>;
 
 /// Latest value for up to `N` waiting tasks.
-pub(super) type LatestValue<T, const N: usize> = Watch<CriticalSectionRawMutex, T, N>;
+pub(super) type LatestValue<T, const N: usize> = Watch<TaskMutex, T, N>;
 
-pub(super) type ValueReceiver<'a, T, const N: usize> = Receiver<'a, CriticalSectionRawMutex, T, N>;
+pub(super) type ValueReceiver<'a, T, const N: usize> = Receiver<'a, TaskMutex, T, N>;
 
 /// All connections between tasks. The tasks run at two priorities, so each access is a critical section of a few
 /// hundred instructions at most.
@@ -124,12 +131,12 @@ pub struct TaskLinks {
     /// Latest estimate, for the lines; the console polls it.
     pub(super) estimates: LatestValue<Estimate, LINE_COUNT>,
     /// Request to restart the module, for the console, which does so.
-    pub(super) restart_request: Signal<CriticalSectionRawMutex, ()>,
+    pub(super) restart_request: Signal<TaskMutex, ()>,
     lines: [LineLinks; LINE_COUNT],
     /// Action on the autopilot of a line, which polls it.
-    autopilot_action: Mutex<CriticalSectionRawMutex, Cell<Option<(AutopilotLine, AutopilotAction)>>>,
-    attitude_line_selector: Mutex<CriticalSectionRawMutex, Cell<LineSelector>>,
-    can_state: Mutex<CriticalSectionRawMutex, Cell<Option<CanState>>>,
+    autopilot_action: Mutex<TaskMutex, Cell<Option<(AutopilotLine, AutopilotAction)>>>,
+    attitude_line_selector: Mutex<TaskMutex, Cell<LineSelector>>,
+    can_state: Mutex<TaskMutex, Cell<Option<CanState>>>,
     pub(super) event_counters: EventCounters,
     pub(super) heartbeats: Heartbeats,
 }
@@ -320,7 +327,7 @@ pub(super) fn publish_value<T: Clone + PartialEq, const N: usize>(latest_value: 
 
 /// Applies a change that no other task sees half done, whatever its priority.
 pub(super) fn apply_atomically(change: impl FnOnce()) {
-    CriticalSectionRawMutex::new().lock(change);
+    TaskMutex::new().lock(change);
 }
 
 /// Increments a counter; wraps at 2^32.
@@ -346,8 +353,8 @@ pub(super) struct LineLinks {
     /// Unsolicited messages for the line.
     pub messages: TaskQueue<Message, MESSAGE_QUEUE_CAPACITY>,
     /// Result of a command received on this line.
-    pub command_results: Signal<CriticalSectionRawMutex, (Command, Result<(), Refusal>)>,
-    state: Mutex<CriticalSectionRawMutex, Cell<LineState>>,
+    pub command_results: Signal<TaskMutex, (Command, Result<(), Refusal>)>,
+    state: Mutex<TaskMutex, Cell<LineState>>,
 }
 
 impl LineLinks {

@@ -160,8 +160,8 @@ impl Simulation {
     /// If a task runs a busy loop while time stands still; on a board it would starve all tasks below it.
     pub fn run_until(&mut self, until_us: u64) -> RunEnd {
         self.stop.0.set(false);
+        clock::advance(clock::now_us());
         loop {
-            clock::advance(clock::now_us());
             while let Some(id) = self.ready.pop() {
                 self.poll(id);
                 if self.stop.0.get() {
@@ -205,8 +205,8 @@ impl Simulation {
     }
 
     fn poll(&mut self, id: u64) {
-        // Wakers may outlive their task.
-        let Some(index) = self.tasks.iter().position(|task| task.handle.id == id) else { return };
+        // Wakers may outlive their task. The tasks are in the order of their ids.
+        let Ok(index) = self.tasks.binary_search_by_key(&id, |task| task.handle.id) else { return };
         let task = &mut self.tasks[index];
         task.handle.queued.store(false, Ordering::Relaxed);
         task.count_poll(clock::now_us());
