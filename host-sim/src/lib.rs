@@ -6,7 +6,7 @@
 //! | [`fly`], [`replay`], [`several_logs`] | each command |
 //! | [`verdict_text`], [`heading_file`] | the verdict as text, headings as a table |
 //! | [`file_options`], [`option_parsers`] | files and values of options |
-//! | [`print`](mod@print), [`progress`] | output |
+//! | [`print`](mod@print) | output |
 //! | [`command_failure`], [`termination`] | how a command ends before its end |
 //!
 //! The simulator is the crate `simulator`, the judgement of logs the crate `log_analysis`; studies, emulator and served
@@ -22,7 +22,6 @@ pub mod fly;
 pub mod heading_file;
 pub mod option_parsers;
 pub mod print;
-pub mod progress;
 pub mod replay;
 pub mod several_logs;
 pub mod termination;

@@ -18,8 +18,7 @@ use crate::command_failure::CommandFailure;
 use crate::file_options::visit_logs;
 use crate::heading_file::write_headings;
 use crate::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
-use crate::print::{self, command_line, write_report};
-use crate::progress::show_spinner;
+use crate::print::{self, command_line, show_spinner, write_report};
 use crate::verdict_text::{WrittenOutput, full_text, summary_text};
 
 const ROW_SELECTIONS: &[(&str, RowSelection)] = &[

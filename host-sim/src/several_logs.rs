@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use crate::command_failure::CommandFailure;
 use crate::file_options::{table_files, visit_logs};
 use crate::print;
-use crate::progress::progress_bar;
+use crate::print::progress_bar;
 use crate::replay::{ReplayArguments, evaluate_log, with_given_mount};
 
 /// Names of logs end in one of these.

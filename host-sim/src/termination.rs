@@ -12,7 +12,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use crate::command_failure::CommandFailure;
-use crate::progress;
+use crate::print;
 
 /// Signals that end the program. On Windows, SIGINT is Ctrl-C.
 const TERMINATION_SIGNALS: &[i32] = &[
@@ -53,7 +53,7 @@ impl TerminationSignals {
             while !signals.stop.load(Ordering::SeqCst) {
                 thread::sleep(POLL_PERIOD);
             }
-            progress::clear_progress_line();
+            print::clear_progress_line();
             signal_hook::low_level::exit(i32::from(signals.received_exit_status.load(Ordering::SeqCst) as u8));
         });
         Ok(())

@@ -14,9 +14,9 @@ use simulator::devices::lis3mdl as chip;
 use simulator::devices::rm3100::{self, Rm3100Config, Rm3100Fault};
 use simulator::devices::sensor::SensorModel;
 use simulator::devices::spi::SelectedDevice;
-use simulator::magnetometer::SimulatedMagnetometer;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
+use simulator::sensors::SimulatedMagnetometer;
 use simulator::world::WorldConfig;
 use testkit::simulation::{ExecutorLevel, Simulation};
 

@@ -23,8 +23,6 @@
 pub mod devices;
 pub mod faults;
 pub mod heading_errors;
-pub mod inertial_sensor;
-pub mod magnetometer;
 pub mod mission;
 pub mod mission_report;
 pub mod module;
@@ -33,5 +31,6 @@ pub mod random;
 pub mod recording;
 pub mod rig;
 pub mod routine;
+pub mod sensors;
 pub mod transcript;
 pub mod world;

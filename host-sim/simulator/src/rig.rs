@@ -22,9 +22,8 @@ use crate::devices::can::CanEnd;
 use crate::devices::nor_flash::{PAGE_BYTES, SimulatedFlash};
 use crate::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig};
 use crate::faults::Faults;
-use crate::inertial_sensor::SimulatedInertialSensor;
-use crate::magnetometer::SimulatedMagnetometer;
 use crate::module::{Module, ModuleRunEnd};
+use crate::sensors::{SimulatedInertialSensor, SimulatedMagnetometer};
 use crate::world::cable_far_end::{AttachedDevice, FarEnd};
 use crate::world::{World, WorldConfig};
 

@@ -12,8 +12,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use host_sim::command_failure::CommandFailure;
 use host_sim::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value, number_in_range};
-use host_sim::print::{self, append_wrapped, narrow_table, right_aligned};
-use host_sim::progress::progress_bar;
+use host_sim::print::{self, append_wrapped, narrow_table, progress_bar, right_aligned};
 
 const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
     ("routine", FlightPattern::Routine),

@@ -15,8 +15,7 @@ use simulator::mission;
 use simulator::world::WorldConfig;
 
 use host_sim::command_failure::CommandFailure;
-use host_sim::print::{self, right_aligned, wrapped_table};
-use host_sim::progress::show_spinner;
+use host_sim::print::{self, right_aligned, show_spinner, wrapped_table};
 use host_sim::termination::{SecondSignal, TerminationSignals};
 
 /// Instruction counts on a Cortex-M4 against their limits, measured in QEMU.

@@ -14,8 +14,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use host_sim::command_failure::CommandFailure;
 use host_sim::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value};
-use host_sim::print::{self, narrow_table, right_aligned, wrapped_table};
-use host_sim::progress::progress_bar;
+use host_sim::print::{self, narrow_table, progress_bar, right_aligned, wrapped_table};
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 

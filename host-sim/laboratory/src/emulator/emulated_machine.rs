@@ -14,8 +14,7 @@ use tempfile::TempDir;
 
 use super::elf_header;
 use super::error::{EmulatorError, QEMU_PROGRAM};
-use super::local_socket::{self, LocalStream};
-use super::qmp::Qmp;
+use super::qmp::{self, LocalStream, Qmp};
 
 /// Ticks per microsecond of the firmware's clock.
 pub const TICKS_PER_US: u64 = 25;
@@ -117,7 +116,7 @@ pub struct EmulatedMachine {
 impl EmulatedMachine {
     /// Starts QEMU with a firmware image and erased flash. Setting `stop_flag` cancels all waiting.
     pub fn start_qemu(image: &Path, stop_flag: Arc<AtomicBool>) -> Result<Self, EmulatorError> {
-        if !local_socket::ARE_LOCAL_SOCKETS_SUPPORTED {
+        if !qmp::ARE_LOCAL_SOCKETS_SUPPORTED {
             return Err(EmulatorError::NoLocalSockets);
         }
         elf_header::check_image(image)?;
@@ -222,7 +221,7 @@ impl Qemu {
         let failed = |error| EmulatorError::Connection(socket_name, error);
         let mut remaining_time = REPLY_TIMEOUT;
         loop {
-            match local_socket::connect_socket(socket) {
+            match qmp::connect_socket(socket) {
                 Ok(stream) => {
                     stream.set_read_timeout(Some(REPLY_TIMEOUT)).map_err(failed)?;
                     return Ok(stream);

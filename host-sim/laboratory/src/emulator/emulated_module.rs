@@ -1,21 +1,29 @@
 //! Machine and world in lockstep: the module in its simulated vehicle.
 
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::path::Path;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use autoswing_module::settings::PORT_COUNT;
-use simulator::devices::uart::{HostEnd, SerialCable, UartConfig as CableConfig, WakeCondition};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+use simulator::devices::uart::{
+    HostEnd, SerialCable, UartConfig as CableConfig, UartReceiver, UartTransmitter, WakeCondition,
+};
 use simulator::module::{Module, ModuleRunEnd};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
 use simulator::world::{World, WorldConfig};
-use testkit::simulation::Simulation;
+use testkit::simulation::{ExecutorLevel, Simulation};
 
-use super::emulated_machine::{BenchTest, EmulatedMachine, MachineMessage, StepInput, TICKS_PER_US};
+use super::emulated_machine::{
+    BenchTest, EmulatedMachine, INSTRUCTION_NS, MAX_STEP_BYTES, MachineMessage, StepInput, TICK_NS, TICKS_PER_US,
+};
 use super::error::EmulatorError;
-use super::machine_port::MachinePort;
-use super::sample_path::{FIELD_UPDATE_PERIOD_US, SamplePath};
 
 /// Sensor noise, microtesla RMS per axis: 2 mG (LSM303DLHC data sheet).
 const NOISE_UT: f64 = 0.2;
@@ -228,5 +236,105 @@ impl Module for Emulator {
             }
         }
         ModuleRunEnd::Time
+    }
+}
+
+/// Update period of the field, microseconds; both accesses of one measurement read the same field.
+pub const FIELD_UPDATE_PERIOD_US: u64 = 2_000;
+
+/// Path of each sample through the module, from the first sensor access to the last written byte.
+#[derive(Default)]
+pub struct SamplePath {
+    /// Start of the present sample's sensor access, machine ticks.
+    access_start_ticks: Option<u64>,
+    /// Whether the firmware has written to the instrument port since the sensor access; its last write ends the path.
+    has_written: bool,
+    durations_ticks: Vec<u64>,
+}
+
+impl SamplePath {
+    /// Takes the instructions of the samples since the last call.
+    pub fn take_instruction_counts(&mut self) -> Vec<u64> {
+        let instructions = |ticks: u64| ticks * TICK_NS / INSTRUCTION_NS;
+        std::mem::take(&mut self.durations_ticks).into_iter().map(instructions).collect()
+    }
+
+    /// The machine restarted: the present sample ends.
+    pub fn end_sample(&mut self) {
+        self.access_start_ticks = None;
+    }
+
+    pub fn on_sensor_access(&mut self, ticks: u64) {
+        let is_same_measurement = self
+            .access_start_ticks
+            .is_some_and(|start_ticks| ticks - start_ticks < FIELD_UPDATE_PERIOD_US * TICKS_PER_US);
+        if self.has_written || !is_same_measurement {
+            self.access_start_ticks = Some(ticks);
+            self.has_written = false;
+        }
+    }
+
+    pub fn on_output(&mut self, ticks: u64) {
+        let Some(start_ticks) = self.access_start_ticks else { return };
+        if self.has_written {
+            self.durations_ticks.pop();
+        }
+        self.durations_ticks.push(ticks - start_ticks);
+        self.has_written = true;
+    }
+}
+
+/// Machine end of a cable; buffers received bytes until the machine stops.
+pub struct MachinePort {
+    to_machine: Rc<RefCell<VecDeque<u8>>>,
+    to_cable: Rc<OutgoingBytes>,
+}
+
+#[derive(Default)]
+struct OutgoingBytes {
+    bytes: RefCell<Vec<u8>>,
+    data_ready: Signal<NoopRawMutex, ()>,
+}
+
+impl MachinePort {
+    pub fn new(cable: &SerialCable, simulation: &mut Simulation) -> Self {
+        let (receiver, transmitter) = cable.module_ends();
+        let wire = Self { to_machine: Rc::default(), to_cable: Rc::default() };
+        simulation.spawn(ExecutorLevel::World, "to machine", forward_received(receiver, Rc::clone(&wire.to_machine)));
+        simulation.spawn(ExecutorLevel::World, "from machine", forward_sent(transmitter, Rc::clone(&wire.to_cable)));
+        wire
+    }
+
+    pub fn send_to_cable(&self, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.to_cable.bytes.borrow_mut().extend_from_slice(bytes);
+            self.to_cable.data_ready.signal(());
+        }
+    }
+
+    /// Received bytes, up to the machine's limit per step.
+    pub fn take_bytes_for_machine(&self) -> Vec<u8> {
+        let mut waiting = self.to_machine.borrow_mut();
+        let byte_count = waiting.len().min(MAX_STEP_BYTES);
+        waiting.drain(..byte_count).collect()
+    }
+}
+
+async fn forward_received(mut receiver: UartReceiver, to_machine: Rc<RefCell<VecDeque<u8>>>) {
+    let mut buffer = [0; 64];
+    loop {
+        // Line errors are never injected here.
+        if let Ok(read_count) = receiver.read(&mut buffer).await {
+            to_machine.borrow_mut().extend(&buffer[..read_count]);
+        }
+    }
+}
+
+async fn forward_sent(mut transmitter: UartTransmitter, outgoing: Rc<OutgoingBytes>) {
+    loop {
+        outgoing.data_ready.wait().await;
+        let bytes = outgoing.bytes.take();
+        // A simulated cable never reports write errors.
+        let _ = transmitter.write_all(&bytes).await;
     }
 }

@@ -8,10 +8,7 @@ mod emulated_machine;
 mod emulated_module;
 mod error;
 pub(crate) mod instruction_budget;
-mod local_socket;
-mod machine_port;
 mod qmp;
-mod sample_path;
 
 use std::path::PathBuf;
 

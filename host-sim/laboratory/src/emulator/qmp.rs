@@ -1,11 +1,11 @@
 //! Client of QEMU's machine protocol (QMP): one line of JSON per message.
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::Path;
 
 use serde_json::{Value, json};
 
 use super::error::EmulatorError;
-use super::local_socket::LocalStream;
 
 /// Connection in command mode.
 pub struct Qmp {
@@ -54,6 +54,28 @@ impl Qmp {
     }
 }
 
-fn qmp_error(error: std::io::Error) -> EmulatorError {
+fn qmp_error(error: io::Error) -> EmulatorError {
     EmulatorError::Connection("machine protocol", error)
+}
+
+/// Whether this system has local sockets. Without them, as on Windows, no emulator starts.
+pub const ARE_LOCAL_SOCKETS_SUPPORTED: bool = cfg!(unix);
+
+#[cfg(unix)]
+pub use std::os::unix::net::UnixStream as LocalStream;
+
+/// Type in the place of a local socket, which this system does not have; never connected.
+#[cfg(not(unix))]
+pub use std::net::TcpStream as LocalStream;
+
+/// Connects to a socket.
+#[cfg(unix)]
+pub fn connect_socket(socket: &Path) -> io::Result<LocalStream> {
+    LocalStream::connect(socket)
+}
+
+/// Fails: see [`ARE_LOCAL_SOCKETS_SUPPORTED`].
+#[cfg(not(unix))]
+pub fn connect_socket(_socket: &Path) -> io::Result<LocalStream> {
+    Err(io::ErrorKind::Unsupported.into())
 }

@@ -4,20 +4,15 @@
 //! command line couples it to real time and to sockets.
 
 mod attitude_datagram;
-mod external_autopilot;
 mod flash_image;
 pub mod multicast;
 mod pilot;
 mod pilot_command;
-mod pilot_pattern;
-
-pub use self::attitude_datagram::{AttitudeDatagram, DatagramError, parse_attitude};
-pub use self::flash_image::{FlashImage, FlashImageError};
-pub use self::pilot_command::{COMMANDS, PilotCommand, PilotCommandError};
-pub use self::pilot_pattern::PilotPattern;
 
 use autoswing::attitude::AttitudeSource;
 use autoswing_firmware::wire::dronecan::CanFrame;
+use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver};
+use autoswing_firmware::wire::msp;
 use simulator::devices::can::{CanEnd, CanFaults, SimulatedCanBus};
 use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;
@@ -26,8 +21,11 @@ use simulator::world::WorldConfig;
 use simulator::world::earth::Earth;
 use simulator::world::gyro::GyroConfig;
 
-use self::external_autopilot::ExternalAutopilot;
 use self::pilot::SimulatedPilot;
+
+pub use self::attitude_datagram::{AttitudeDatagram, DatagramError, parse_attitude};
+pub use self::flash_image::{FlashImage, FlashImageError};
+pub use pilot_command::{COMMANDS, PilotCommand, PilotCommandError, PilotPattern};
 
 /// Port of the module.
 #[derive(Debug)]
@@ -311,5 +309,33 @@ impl ServedModule {
             AttitudeProvider::Peer | AttitudeProvider::Own => false,
         };
         self.rig.world.set_sends_attitude(is_provider && !self.awaits_datagram());
+    }
+}
+
+/// Timeout, microseconds. An autopilot without message requests sends attitude once a second.
+const ATTITUDE_TIMEOUT_US: u64 = 3_000_000;
+
+/// Detector for messages at the autopilot port.
+#[derive(Debug, Default)]
+struct ExternalAutopilot {
+    receiver: MavlinkReceiver,
+    msp: msp::MspReceiver,
+    last_message_us: Option<u64>,
+}
+
+impl ExternalAutopilot {
+    /// Processes bytes received at `now_us`.
+    fn process_bytes(&mut self, now_us: u64, bytes: &[u8]) {
+        for &byte in bytes {
+            let is_attitude = matches!(self.receiver.push_byte(byte), Some(InboundMessage::Attitude(_)));
+            if self.msp.push_byte(byte).is_some() || is_attitude {
+                self.last_message_us = Some(now_us);
+            }
+        }
+    }
+
+    /// Whether an autopilot has sent within the timeout.
+    fn is_active(&self, now_us: u64) -> bool {
+        self.last_message_us.is_some_and(|heard_us| now_us - heard_us < ATTITUDE_TIMEOUT_US)
     }
 }

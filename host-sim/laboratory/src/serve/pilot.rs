@@ -7,8 +7,7 @@ use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::{World, WorldConfig};
 
-use super::pilot_command::{PilotCommand, PilotCommandError};
-use super::pilot_pattern::PilotPattern;
+use super::pilot_command::{PilotCommand, PilotCommandError, PilotPattern};
 
 const LANDING_DURATION_S: f64 = 5.0;
 

@@ -7,7 +7,6 @@
 
 use std::fmt;
 
-use super::device_id::DeviceId;
 use super::parameters::ParameterHistory;
 
 /// ArduPilot has calibration parameters of three compasses.
@@ -20,31 +19,10 @@ pub(super) const MAX_OFFSET_ROUNDING_MG: f64 = 1.5;
 /// by it. `Unknown`: the raw field is the logged one, and no parameters are written; see [`Self::is_contradictory`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CompassSlot {
-    /// The slot is known.
-    Known {
-        /// ArduPilot: 1 to 3, `COMPASS_OFS_X` has 1; PX4: n of `CAL_MAGn`; tables: the number of the compass.
-        index: u8,
-        /// Evidence for the slot.
-        evidence: SlotEvidence,
-    },
+    /// ArduPilot: 1 to 3, `COMPASS_OFS_X` has 1; PX4: n of `CAL_MAGn`; tables: the number of the compass.
+    Known(u8),
     /// The log does not determine the slot.
-    Unknown {
-        /// Reason why the slot is unknown.
-        reason: UnknownSlot,
-    },
-}
-
-/// Evidence for a slot, strongest first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SlotEvidence {
-    /// The offsets in use equal the parameters of this slot only, which device id or number confirm.
-    Offsets,
-    /// The device id of the compass is that of the slot.
-    DeviceId,
-    /// The autopilot has a single compass.
-    OnlyCompass,
-    /// Compasses are numbered by slot: tables, firmware without priorities.
-    Numbering,
+    Unknown(UnknownSlot),
 }
 
 /// Reason why a slot is unknown.
@@ -76,7 +54,7 @@ pub enum UnknownSlot {
 
 impl Default for CompassSlot {
     fn default() -> Self {
-        Self::Unknown { reason: UnknownSlot::default() }
+        Self::Unknown(UnknownSlot::default())
     }
 }
 
@@ -109,15 +87,15 @@ impl CompassSlot {
     #[must_use]
     pub const fn index(self) -> Option<u8> {
         match self {
-            Self::Known { index, .. } => Some(index),
-            Self::Unknown { .. } => None,
+            Self::Known(index) => Some(index),
+            Self::Unknown(_) => None,
         }
     }
 
     /// Whether the log contradicts itself about the slot; an unknown slot otherwise cannot be checked.
     #[must_use]
     pub const fn is_contradictory(self) -> bool {
-        matches!(self, Self::Unknown { reason: UnknownSlot::OffsetsContradict { .. } })
+        matches!(self, Self::Unknown(UnknownSlot::OffsetsContradict { .. }))
     }
 }
 
@@ -147,6 +125,12 @@ pub(crate) fn ardupilot_index(slot: u8) -> String {
     if slot == 1 { String::new() } else { slot.to_string() }
 }
 
+/// Names of the three components of a calibration parameter of a slot, as `COMPASS_OFS2_X`.
+pub(crate) fn ardupilot_vector(vector: &str, slot: u8) -> [String; 3] {
+    let index = ardupilot_index(slot);
+    ["X", "Y", "Z"].map(|axis| format!("COMPASS_{vector}{index}_{axis}"))
+}
+
 /// Name of ArduPilot's parameter for an external compass in a slot.
 pub(crate) fn external_parameter(slot: u8) -> String {
     if slot == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{slot}") }
@@ -164,9 +148,9 @@ pub(super) struct ArdupilotSlots<'a> {
 impl ArdupilotSlots<'_> {
     /// Slot of a compass by number, with the first offsets of its rows: time, seconds, and milligauss.
     pub fn slot(&self, compass_number: u8, first_offsets: Option<(f64, [f32; 3])>) -> CompassSlot {
-        let (index, evidence) = match self.assigned_slot(compass_number) {
+        let index = match self.assigned_slot(compass_number) {
             Ok(assigned) => assigned,
-            Err(reason) => return CompassSlot::Unknown { reason },
+            Err(reason) => return CompassSlot::Unknown(reason),
         };
         // Offsets of zero identify no slot.
         let has_offsets = |(_, offsets_mg): &(f64, [f32; 3])| {
@@ -176,11 +160,10 @@ impl ArdupilotSlots<'_> {
             .filter(has_offsets)
             .map_or_else(Vec::new, |(t_s, offsets_mg)| self.slots_with(t_s, offsets_mg));
         match *matching {
-            [only] if only == index => CompassSlot::Known { index, evidence: SlotEvidence::Offsets },
             [found, ..] if !matching.contains(&index) => {
-                CompassSlot::Unknown { reason: UnknownSlot::OffsetsContradict { expected: index, found } }
+                CompassSlot::Unknown(UnknownSlot::OffsetsContradict { expected: index, found })
             }
-            _ => CompassSlot::Known { index, evidence },
+            _ => CompassSlot::Known(index),
         }
     }
 
@@ -193,18 +176,17 @@ impl ArdupilotSlots<'_> {
         DeviceId::from_parameter(value?)
     }
 
-    fn assigned_slot(&self, compass_number: u8) -> Result<(u8, SlotEvidence), UnknownSlot> {
-        if !self.parameters.has_prefix("COMPASS_") {
-            Err(UnknownSlot::NoParameters)
+    fn assigned_slot(&self, compass_number: u8) -> Result<u8, UnknownSlot> {
+        let index = if !self.parameters.has_prefix("COMPASS_") {
+            return Err(UnknownSlot::NoParameters);
         } else if self.parameters.has_prefix("COMPASS_PRIO") {
-            Ok((self.slot_of_priority(compass_number)?, SlotEvidence::DeviceId))
+            return self.slot_of_priority(compass_number);
         } else if self.has_all_parameters || self.is_before_priorities() {
-            let index = Some(compass_number).filter(|number| ARDUPILOT_SLOTS.contains(number));
-            Ok((index.ok_or(UnknownSlot::SeveralCompasses)?, SlotEvidence::Numbering))
+            Some(compass_number).filter(|number| ARDUPILOT_SLOTS.contains(number))
         } else {
-            let index = self.slot_of_only_compass(compass_number).ok_or(UnknownSlot::SeveralCompasses)?;
-            Ok((index, SlotEvidence::OnlyCompass))
-        }
+            self.slot_of_only_compass(compass_number)
+        };
+        index.ok_or(UnknownSlot::SeveralCompasses)
     }
 
     fn slot_of_priority(&self, priority: u8) -> Result<u8, UnknownSlot> {
@@ -224,12 +206,8 @@ impl ArdupilotSlots<'_> {
     /// Whether the firmware is older than 4.1, with the offsets of all compasses in the log.
     fn is_before_priorities(&self) -> bool {
         let is_old = self.firmware_name.and_then(firmware_version).is_some_and(|version| version < (4, 1));
-        let has_offsets = |slot: u8| {
-            let index = ardupilot_index(slot);
-            ["X", "Y", "Z"]
-                .iter()
-                .all(|axis| self.parameters.last_value(&format!("COMPASS_OFS{index}_{axis}")).is_some())
-        };
+        let has_offsets =
+            |slot: u8| ardupilot_vector("OFS", slot).iter().all(|name| self.parameters.last_value(name).is_some());
         is_old && ARDUPILOT_SLOTS.take(self.compass_count).all(has_offsets)
     }
 
@@ -240,9 +218,7 @@ impl ArdupilotSlots<'_> {
     /// Slots whose offset parameters are these at a time.
     fn slots_with(&self, t_s: f64, offsets_mg: [f32; 3]) -> Vec<u8> {
         let matches = |slot: &u8| {
-            let index = ardupilot_index(*slot);
-            let logged =
-                ["X", "Y", "Z"].map(|axis| self.parameters.value_at(t_s, &format!("COMPASS_OFS{index}_{axis}")));
+            let logged = ardupilot_vector("OFS", *slot).map(|name| self.parameters.value_at(t_s, &name));
             let is_near = |(logged, offset_mg): (&Option<f64>, f32)| {
                 (logged.unwrap_or(0.0) - f64::from(offset_mg)).abs() <= MAX_OFFSET_ROUNDING_MG
             };
@@ -259,6 +235,79 @@ pub(super) fn firmware_version(name: &str) -> Option<(u32, u32)> {
         let minor: String = rest.chars().take_while(char::is_ascii_digit).collect();
         Some((major.parse().ok()?, minor.parse().ok()?))
     })
+}
+
+/// Device id of a sensor, in the layout common to ArduPilot and PX4: bits 0 to 2 are the type of the bus, 3 to 7 the bus, 8
+/// to 15 the address, 16 to 23 the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceId(u32);
+
+/// ArduPilot's numbers of magnetometers (`AP_Compass_Backend.h`).
+const ARDUPILOT_CHIPS: [(u32, &str); 21] = [
+    (0x01, "HMC5883"),
+    (0x02, "LSM303D"),
+    (0x04, "AK8963"),
+    (0x05, "BMM150"),
+    (0x06, "LSM9DS1"),
+    (0x07, "HMC5883"),
+    (0x08, "LIS3MDL"),
+    (0x09, "AK09916"),
+    (0x0A, "IST8310"),
+    (0x0B, "ICM20948"),
+    (0x0C, "MMC3416"),
+    (0x0D, "QMC5883L"),
+    (0x0E, "MAG3110"),
+    (0x10, "IST8308"),
+    (0x11, "RM3100"),
+    (0x13, "MMC5983"),
+    (0x14, "AK09918"),
+    (0x15, "AK09915"),
+    (0x16, "QMC5883P"),
+    (0x17, "BMM350"),
+    (0x18, "IIS2MDC"),
+];
+
+/// PX4's numbers of magnetometers (`drv_sensor.h`).
+const PX4_CHIPS: [(u32, &str); 8] = [
+    (0x01, "HMC5883"),
+    (0x04, "AK8963"),
+    (0x05, "LIS3MDL"),
+    (0x06, "IST8310"),
+    (0x07, "RM3100"),
+    (0x08, "QMC5883L"),
+    (0x09, "AK09916"),
+    (0x0E, "IIS2MDC"),
+];
+
+impl DeviceId {
+    /// Device id from the value of a parameter; none if zero.
+    pub(crate) fn from_parameter(value: f64) -> Option<Self> {
+        // PX4 logs integers of 32 bits with a sign.
+        let id = (value as i64) as u32;
+        (id != 0).then_some(Self(id))
+    }
+
+    /// Whether the sensor is a node of a CAN bus, or sends its field by MSP.
+    #[must_use]
+    pub const fn is_node(self) -> bool {
+        matches!(self.0 & 7, 3 | 5)
+    }
+
+    /// Chip and bus by their usual names: `RM3100, I2C bus 0`. A node of a CAN bus does not name its chip.
+    #[must_use]
+    pub fn chip_and_bus(self, is_px4: bool) -> String {
+        let (bus, address) = (self.0 >> 3 & 0x1F, self.0 >> 8 & 0xFF);
+        let bus = match self.0 & 7 {
+            1 => format!("I2C bus {bus}"),
+            2 => format!("SPI bus {bus}"),
+            3 => format!("CAN node {address}"),
+            5 => "MSP".to_owned(),
+            _ => return format!("device id {}", self.0),
+        };
+        let chips: &[(u32, &str)] = if is_px4 { &PX4_CHIPS } else { &ARDUPILOT_CHIPS };
+        let chip = chips.iter().find(|(number, _)| *number == self.0 >> 16 & 0xFF && !self.is_node());
+        chip.map_or_else(|| bus.clone(), |(_, name)| format!("{name}, {bus}"))
+    }
 }
 
 #[cfg(test)]
@@ -288,23 +337,19 @@ mod tests {
     ];
     const OFFSETS: [(&str, f64); 2] = [("COMPASS_OFS_X", 100.0), ("COMPASS_OFS2_X", -50.7)];
 
-    const fn known(index: u8, evidence: SlotEvidence) -> CompassSlot {
-        CompassSlot::Known { index, evidence }
-    }
-
     #[test]
     fn a_priority_has_the_slot_of_its_device_id_if_the_offsets_in_use_agree() {
         let parameters = parameters(&[&IDS[..], &OFFSETS].concat());
         let slots = slots(&parameters);
         let slot_with_x = |x_mg: f32| slots.slot(1, Some((1.0, [x_mg, 0.0, 0.0])));
-        assert_eq!(slots.slot(1, None), known(2, SlotEvidence::DeviceId));
-        assert_eq!(slot_with_x(-50.0), known(2, SlotEvidence::Offsets));
+        assert_eq!(slots.slot(1, None), CompassSlot::Known(2));
+        assert_eq!(slot_with_x(-50.0), CompassSlot::Known(2));
         // Offsets learnt in flight are those of no slot.
-        assert_eq!(slot_with_x(-30.0), known(2, SlotEvidence::DeviceId));
+        assert_eq!(slot_with_x(-30.0), CompassSlot::Known(2));
         let contradictory = slot_with_x(100.0);
         assert!(contradictory.is_contradictory() && contradictory.index().is_none(), "{contradictory:?}");
-        assert_eq!(slots.device_id(1, contradictory), slots.device_id(1, known(2, SlotEvidence::DeviceId)));
-        assert_eq!(slots.slot(2, Some((1.0, [100.0, 0.0, 0.0]))), known(1, SlotEvidence::Offsets));
+        assert_eq!(slots.device_id(1, contradictory), slots.device_id(1, CompassSlot::Known(2)));
+        assert_eq!(slots.slot(2, Some((1.0, [100.0, 0.0, 0.0]))), CompassSlot::Known(1));
     }
 
     #[test]
@@ -316,7 +361,7 @@ mod tests {
         ] {
             let mut parameters = parameters(&[&IDS[..], &OFFSETS].concat());
             parameters.replace_value(changed, value);
-            assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown { reason });
+            assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown(reason));
         }
     }
 
@@ -330,19 +375,35 @@ mod tests {
             ArdupilotSlots { parameters: &parameters, has_all_parameters: false, firmware_name, compass_count }
                 .slot(1, None)
         };
-        let several = CompassSlot::Unknown { reason: UnknownSlot::SeveralCompasses };
-        assert_eq!(of_link(&offsets, None, 1), known(1, SlotEvidence::OnlyCompass));
-        assert_eq!(of_link(&[("COMPASS_DEV_ID2", 7.0)], None, 1), known(2, SlotEvidence::OnlyCompass));
+        let several = CompassSlot::Unknown(UnknownSlot::SeveralCompasses);
+        assert_eq!(of_link(&offsets, None, 1), CompassSlot::Known(1));
+        assert_eq!(of_link(&[("COMPASS_DEV_ID2", 7.0)], None, 1), CompassSlot::Known(2));
         assert_eq!(of_link(&IDS[..2], None, 1), several);
         assert_eq!(of_link(&[], None, 1), CompassSlot::default());
         for (firmware_name, slot) in [
             (None, several),
             (Some("ArduCopter V4.1.0"), several),
-            (Some("ArduPlane V4.0.9 (ab)"), known(1, SlotEvidence::Numbering)),
-            (Some("APM:Copter V3.3-dev (9f)"), known(1, SlotEvidence::Numbering)),
+            (Some("ArduPlane V4.0.9 (ab)"), CompassSlot::Known(1)),
+            (Some("APM:Copter V3.3-dev (9f)"), CompassSlot::Known(1)),
         ] {
             assert_eq!(of_link(&offsets, firmware_name, 2), slot, "{firmware_name:?}");
         }
         assert_eq!(of_link(&offsets[..5], Some("ArduPlane V4.0.9"), 2), several);
+    }
+
+    #[test]
+    fn a_device_id_names_chip_and_bus() {
+        for (id, is_px4, text) in [
+            (0x09_0E_09, false, "AK09916, I2C bus 1"),
+            (0x06_0E_09, true, "IST8310, I2C bus 1"),
+            (0x06_0E_09, false, "LSM9DS1, I2C bus 1"),
+            (0x01_7D_03, false, "CAN node 125"),
+            (0x44_03_22, false, "SPI bus 4"),
+            (4, false, "device id 4"),
+        ] {
+            let device_id = DeviceId::from_parameter(f64::from(id)).unwrap();
+            assert_eq!(device_id.chip_and_bus(is_px4), text);
+        }
+        assert_eq!(DeviceId::from_parameter(0.0), None);
     }
 }

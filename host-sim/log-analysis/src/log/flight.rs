@@ -1,26 +1,24 @@
 //! A logged flight, independent of the log's format.
 
+use std::fmt;
+
 use autoswing::calibration::Orientation;
 use autoswing::earth::{Date, EarthField, Position};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::compass_slot::{CompassSlot, external_parameter, firmware_version};
+use super::compass_slot::{CompassSlot, DeviceId, external_parameter, firmware_version};
 use super::correction::{FieldCorrection, missing_parameters_of_slot};
 use super::correction_residual::CorrectionResidual;
-use super::device_id::DeviceId;
-use super::late_heading::HeadingLatency;
 use super::load::LoggedLoad;
-use super::mounting::{CustomRotation, logged_mounting, mounting_parameters, orientation_parameter};
-use super::rates_problem::RatesProblem;
-use super::rotation::NumberedRotation;
+use super::mounting::{CustomRotation, NumberedRotation, logged_mounting, mounting_parameters, orientation_parameter};
 use super::time_series::Series;
 use super::vtol_view::VtolView;
 use crate::log::parameters::ParameterHistory;
 use crate::numbers::median;
 
 /// Format of a log file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub enum LogFormat {
     /// Binary DataFlash log of ArduPilot.
     DataFlash,
@@ -31,6 +29,7 @@ pub enum LogFormat {
     /// MAVLink frames with the receiver's clock.
     TLog,
     /// Table of comma-separated values.
+    #[default]
     Csv,
     /// Blackbox of INAV or Betaflight.
     Blackbox,
@@ -169,7 +168,7 @@ pub struct SkippedCounts {
 }
 
 /// A logged flight: the series of all sensors on one clock, parameters, and counts of skipped rows.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct LoggedFlight {
     /// Format of the log.
     pub log_format: LogFormat,
@@ -321,37 +320,7 @@ impl LoggedFlight {
     /// Creates an empty flight.
     #[must_use]
     pub fn new(format: LogFormat) -> Self {
-        Self {
-            log_format: format,
-            autopilot: AutopilotKind::default(),
-            firmware_name: None,
-            is_copter: false,
-            compasses: Vec::new(),
-            attitude: Series::new(),
-            fallback_attitude_message: None,
-            attitude_view: AttitudeView::Body,
-            body_rates: Series::new(),
-            rates_problem: None,
-            logged_rate_signs: [1.0; 3],
-            has_measured_rates: true,
-            gps: Series::new(),
-            battery_current: Series::new(),
-            is_current_negated: false,
-            loads: Vec::new(),
-            armed_changes: Vec::new(),
-            heading_latencies: Vec::new(),
-            true_attitude: Series::new(),
-            reference_heading: Series::new(),
-            row_usability: Series::new(),
-            parameters: ParameterHistory::default(),
-            magnetometer_test_ratio: Series::new(),
-            compass_texts: Vec::new(),
-            flight_date: None,
-            rows_without_time: 0,
-            autopilot_system_ids: Vec::new(),
-            autopilot_component_ids: Vec::new(),
-            skipped_counts: SkippedCounts::default(),
-        }
+        Self { log_format: format, logged_rate_signs: [1.0; 3], has_measured_rates: true, ..Self::default() }
     }
 
     /// Whether the vehicle banks into its turns, as aeroplanes do; an unknown one may.
@@ -419,4 +388,71 @@ pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> 
 pub fn missing_ardupilot_parameters(flight: &LoggedFlight, compass_number: u8) -> Vec<String> {
     let slot = flight.slot_index(compass_number).filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
     slot.map_or_else(Vec::new, |slot| missing_parameters_of_slot(&flight.parameters, slot))
+}
+
+/// Latency of a heading that was removed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingLatency {
+    /// Name of the heading.
+    pub heading_name: &'static str,
+    /// Latency, seconds.
+    pub latency_s: f64,
+}
+
+impl fmt::Display for HeadingLatency {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { heading_name, latency_s } = self;
+        write!(f, "{heading_name} is {:.0} ms late by the body rates; this is allowed for", latency_s * 1e3)
+    }
+}
+
+/// Reason why body rates are not used as logged; displayed as a clause.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RatesProblem {
+    /// The log has no body rates.
+    NotLogged,
+    /// The body rate about this axis (0 to 2) has the opposite sign of the attitude's change.
+    WrongSign(usize),
+    /// Wrong unit: ratio of the attitude's change to the integrated body rates.
+    WrongUnit(f64),
+    /// Random walk of the heading integrated from the body rates, deg/s^0.5.
+    Inexact(f64),
+}
+
+/// Largest relative deviation of a rate ratio from that of degrees to radians: noise of rates and attitude.
+const MAX_RATIO_ERROR: f64 = 0.5;
+
+impl RatesProblem {
+    /// Factors by axis that correct the body rates; `None` if they must be replaced.
+    pub(super) fn repair_factors(self) -> Option<[f32; 3]> {
+        match self {
+            Self::WrongSign(wrong) => Some(std::array::from_fn(|axis| if axis == wrong { -1.0 } else { 1.0 })),
+            Self::WrongUnit(ratio) => [1_f64.to_degrees(), 1_f64.to_radians()]
+                .into_iter()
+                .find(|factor| (ratio / factor - 1.0).abs() < MAX_RATIO_ERROR)
+                .map(|factor| [factor as f32; 3]),
+            Self::NotLogged | Self::Inexact(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for RatesProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotLogged => f.write_str("no body rates are logged"),
+            Self::WrongSign(axis) => {
+                let axis = ["x", "y", "z"][*axis];
+                write!(f, "the body rate about {axis} has the sign opposite to the attitude's change")
+            }
+            Self::WrongUnit(ratio) => write!(
+                f,
+                "the attitude changes {ratio:.3} times as fast as the body rates, which are in another unit (degrees or \
+                 radians)"
+            ),
+            Self::Inexact(walk_deg) => write!(
+                f,
+                "the body rates are sampled too coarsely (integrated, the heading drifts by {walk_deg:.1} deg in a second)"
+            ),
+        }
+    }
 }

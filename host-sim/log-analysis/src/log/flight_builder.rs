@@ -6,15 +6,13 @@ use autoswing::earth::Date;
 use autoswing::frames::wrap_pi;
 use nalgebra::Vector3;
 
-use super::battery_current::repair_current;
 use super::compass_slot::{
-    ArdupilotSlots, CompassSlot, MAX_OFFSET_ROUNDING_MG, SlotEvidence, UnknownSlot, ardupilot_index,
+    ArdupilotSlots, CompassSlot, DeviceId, MAX_OFFSET_ROUNDING_MG, UnknownSlot, ardupilot_index, ardupilot_vector,
 };
 use super::correction::{FieldCorrection, InvertibleCorrection};
 use super::correction_residual::CorrectionResidual;
-use super::device_id::DeviceId;
 use super::flight::{AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight};
-use super::load::LoadRows;
+use super::load::{LoadRows, repair_current};
 use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 use super::time_series::{Series, TimedRow};
@@ -32,6 +30,7 @@ pub const SECONDARY_ATTITUDE_RANK: u8 = 4;
 
 const MAX_ARMED_CHANGES: usize = 100_000;
 
+#[derive(Default)]
 pub struct FlightBuilder {
     pub flight: LoggedFlight,
     pub timeline: Timeline,
@@ -75,17 +74,7 @@ impl FieldProcessing {
 
 impl FlightBuilder {
     pub fn new(format: LogFormat) -> Self {
-        Self {
-            flight: LoggedFlight::new(format),
-            timeline: Timeline::default(),
-            gyro_bias_rad_s: [0.0; 3],
-            fallback_attitudes: BTreeMap::new(),
-            field_rows: Vec::new(),
-            other_receiver_yaws: BTreeMap::new(),
-            offset_rows: BTreeMap::new(),
-            loads: LoadRows::default(),
-            flight_modes: Series::new(),
-        }
+        Self { flight: LoggedFlight::new(format), ..Self::default() }
     }
 
     /// Adds a row of a compass, microtesla, with the row's own motor-current compensation.
@@ -407,13 +396,10 @@ fn slot_and_device_id(
         }
         FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
             let id = flight.parameters.last_value(&format!("CAL_MAG{index}_ID")).and_then(DeviceId::from_parameter);
-            let evidence = if id.is_some() { SlotEvidence::DeviceId } else { SlotEvidence::Numbering };
-            (CompassSlot::Known { index, evidence }, id)
+            (CompassSlot::Known(index), id)
         }
-        FieldProcessing::BodyRaw => {
-            (CompassSlot::Known { index: compass_number, evidence: SlotEvidence::Numbering }, None)
-        }
-        FieldProcessing::Unknown(reason) => (CompassSlot::Unknown { reason }, None),
+        FieldProcessing::BodyRaw => (CompassSlot::Known(compass_number), None),
+        FieldProcessing::Unknown(reason) => (CompassSlot::Unknown(reason), None),
     }
 }
 
@@ -421,8 +407,7 @@ fn slot_and_device_id(
 /// calibrated on the ground appear in no PARM. Rows are truncated to whole milligauss, so a PARM that agrees is
 /// preferred.
 fn update_offset_parameters(parameters: &mut ParameterHistory, slot: u8, offsets: &[TimedRow<3>]) {
-    let index = ardupilot_index(slot);
-    let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_OFS{index}_{axis}"));
+    let names = ardupilot_vector("OFS", slot);
     for row in offsets {
         for (name, offset_mg) in names.iter().zip(row.row_values.map(f64::from)) {
             if (parameters.value_at(row.t_s, name).unwrap_or(0.0) - offset_mg).abs() > MAX_OFFSET_ROUNDING_MG {

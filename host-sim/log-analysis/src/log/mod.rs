@@ -22,7 +22,6 @@
 //! logger. They are not faster: of a DataFlash log 49 MB/s beside 43 here with all checks of the flight, of PX4's sample log
 //! 156 (`px4-ulog`) and 56 (`yule_log`) beside 155, on one core. MAVLink messages and checksums come from the `mavlink` crate.
 
-mod battery_current;
 mod blackbox;
 mod compass_slot;
 mod correction;
@@ -30,59 +29,50 @@ mod correction_residual;
 pub mod csv;
 mod dataflash;
 mod decoded;
-mod device_id;
 mod flight;
 mod flight_builder;
 mod heading_integral;
-mod heading_latency;
-mod late_heading;
 mod load;
 mod log_error;
 pub mod log_writers;
 mod mounting;
 mod parameters;
 mod rates;
-mod rates_problem;
 mod read_window;
-mod rotation;
 mod scalar;
 mod table_set;
 pub mod time_series;
 mod timeline;
 mod tlog;
 mod ulog;
-mod utf16;
 mod vtol_view;
 mod zip;
 
-pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, external_parameter};
-pub use compass_slot::{CompassSlot, SlotEvidence, UnknownSlot};
+use std::io::{self, Read};
+
+use flate2::read::MultiGzDecoder;
+
+use csv::FieldUnit;
+use table_set::{TableFile, TableSet};
+use zip::BoundedContent;
+
+pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, ardupilot_vector, external_parameter};
+pub use compass_slot::{CompassSlot, DeviceId, UnknownSlot};
 pub use correction::FieldCorrection;
 pub(crate) use correction::symmetric_matrix;
 pub use correction_residual::CorrectionResidual;
-pub use device_id::DeviceId;
 pub use flight::{
-    AttitudeView, AutopilotKind, Gps, LogFormat, LoggedCompass, LoggedFlight, SkippedCounts,
-    missing_ardupilot_parameters, mounting_parameter_changes,
+    AttitudeView, AutopilotKind, Gps, HeadingLatency, LogFormat, LoggedCompass, LoggedFlight, RatesProblem,
+    SkippedCounts, missing_ardupilot_parameters, mounting_parameter_changes,
 };
 pub(crate) use heading_integral::{HeadingIntegral, MAX_PITCH_RAD};
-pub use late_heading::HeadingLatency;
 pub use load::{LoadSource, LoggedLoad};
 pub use log_error::LogError;
-pub use mounting::{CustomRotation, SensorOrientation};
+pub use mounting::{CustomRotation, NumberedRotation, SensorOrientation};
 pub(crate) use mounting::{logged_mounting, orientation_parameter, px4_external_trim, px4_mounting};
 pub use parameters::ParameterHistory;
-pub use rates_problem::RatesProblem;
-pub use rotation::NumberedRotation;
 pub use vtol_view::VtolView;
 
-use std::io::{self, Read};
-
-use csv::FieldUnit;
-use flate2::read::MultiGzDecoder;
-use table_set::{TableFile, TableSet};
-use utf16::utf16_text;
-use zip::BoundedContent;
 pub use zip::EntryVisitor;
 
 /// Bytes searched to detect the format.
@@ -172,7 +162,7 @@ fn checked(visit: &mut LogVisitor<'_>) -> impl FnMut(&str, Result<LoggedFlight, 
     |name, flight| {
         let checked = flight.map(|mut flight| {
             rates::check_and_repair_rates(&mut flight);
-            heading_latency::remove_heading_latencies(&mut flight);
+            heading_integral::remove_heading_latencies(&mut flight);
             flight
         });
         visit(name, checked);
@@ -386,6 +376,21 @@ fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
     } else {
         Err(LogError::UnknownFormat)
     }
+}
+
+/// The text of a source whose `first_bytes` are a byte-order mark; invalid units become U+FFFD. Only tables are in UTF-16,
+/// and no spreadsheet saves one this long.
+fn utf16_text(first_bytes: &[u8], source: &mut dyn Read) -> io::Result<Option<String>> {
+    const MAX_BYTES: u64 = 1 << 28;
+    let decode_unit = match first_bytes {
+        [0xFF, 0xFE, ..] => u16::from_le_bytes,
+        [0xFE, 0xFF, ..] => u16::from_be_bytes,
+        _ => return Ok(None),
+    };
+    let mut bytes = Vec::new();
+    source.take(MAX_BYTES).read_to_end(&mut bytes)?;
+    let units: Vec<u16> = bytes.as_chunks().0.iter().skip(1).map(|pair| decode_unit(*pair)).collect();
+    Ok(Some(String::from_utf16_lossy(&units)))
 }
 
 #[cfg(test)]

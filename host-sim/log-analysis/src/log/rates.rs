@@ -2,8 +2,7 @@
 
 use autoswing::frames::wrap_pi;
 
-use super::flight::LoggedFlight;
-use super::rates_problem::RatesProblem;
+use super::flight::{LoggedFlight, RatesProblem};
 use super::time_series::{Series, TimedRow};
 use crate::numbers::median;
 

@@ -172,6 +172,7 @@ fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
     is_autopilot.then(|| byte(5))
 }
 
+#[derive(Default)]
 pub(super) struct TlogReader {
     builder: FlightBuilder,
     requested_system: Option<u8>,
@@ -190,17 +191,7 @@ pub(super) struct TlogReader {
 
 impl TlogReader {
     pub fn new(requested_system: Option<u8>) -> Self {
-        let builder = FlightBuilder::new(LogFormat::TLog);
-        Self {
-            builder,
-            requested_system,
-            autopilot_ids: None,
-            other_systems: Vec::new(),
-            other_components: Vec::new(),
-            px4_sensor_fields: Default::default(),
-            early_parameters: Vec::new(),
-            last_clock_pair_us: None,
-        }
+        Self { builder: FlightBuilder::new(LogFormat::TLog), requested_system, ..Self::default() }
     }
 
     pub fn record_frame(&mut self, frame: &LogFrame<'_>) {

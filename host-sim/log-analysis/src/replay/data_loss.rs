@@ -1,7 +1,7 @@
 //! Detects rows lost by a link or a slow card.
 
-use crate::log::LoggedFlight;
 use crate::log::time_series::Series;
+use crate::log::{HeadingIntegral, LoggedFlight};
 
 /// Shortest gap in the body rates, in median steps.
 const MIN_GAP_IN_MEDIAN_STEPS: f64 = 1.5;
@@ -49,4 +49,17 @@ fn count_gaps(series: &Series<3>) -> (usize, usize) {
         pair[1].t_s - pair[0].t_s > MIN_RATE_GAP_S.max(MIN_GAP_IN_MEDIAN_STEPS * step_s)
     };
     (rows.windows(2).filter(is_long).count(), rows.len() - 1)
+}
+
+/// Longest gap of the rates that is integrated across, seconds.
+const MAX_GAP_S: f64 = 0.5;
+
+/// Integral of the measured body rates; empty if they are logged too slowly, or were not measured.
+pub(super) fn measured_turns(flight: &LoggedFlight) -> HeadingIntegral {
+    let is_slow = flight.attitude.median_step_s().is_some_and(|step_s| step_s > SLOW_ATTITUDE_INTERVAL_S);
+    if flight.has_measured_rates && !is_slow {
+        HeadingIntegral::new(flight, MAX_GAP_S)
+    } else {
+        HeadingIntegral::default()
+    }
 }

@@ -14,7 +14,6 @@ pub mod gps_course;
 pub mod hard_iron_changes;
 pub mod hard_iron_jump;
 pub mod hard_iron_step;
-mod integrated_turns;
 pub mod judgement_request;
 pub mod log_warning;
 pub mod logged_accuracy;

@@ -42,7 +42,7 @@ impl Verdict<'_> {
         let forbidding = compass.and_then(|compass| forbidding_check(&compass.reading_checks));
         let logged = compass.and_then(|compass| self.flight.compass(compass.evaluation.compass_number));
         match logged.map(|logged| logged.slot) {
-            Some(CompassSlot::Unknown { reason })
+            Some(CompassSlot::Unknown(reason))
                 if forbidding.is_some_and(|check| check.meaning == CheckedMeaning::Slot) =>
             {
                 reason.remedy()
@@ -128,7 +128,7 @@ mod tests {
     fn without_parameters_another_log_is_asked_for() {
         let (mut flight, evaluation) = FLOWN_TURNS.clone();
         for (reason, remedy) in [(UnknownSlot::NotInTables, "Judge the .ulg"), (UnknownSlot::NoParameters, "SD card")] {
-            flight.compasses[0].slot = CompassSlot::Unknown { reason };
+            flight.compasses[0].slot = CompassSlot::Unknown(reason);
             let steps = Verdict::new(&flight, &evaluation, ParameterFormat::Px4).next_steps();
             assert!(steps[0].contains(remedy) && steps.len() == 1, "{steps:?}");
         }

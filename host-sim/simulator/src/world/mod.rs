@@ -3,20 +3,16 @@
 pub mod aircraft;
 pub mod airframe;
 pub mod attitude_source;
-mod attitude_task;
 pub mod autopilot;
 pub mod cable_far_end;
 mod config;
 pub mod earth;
 pub mod fault_interfaces;
-pub mod flight_place;
 pub mod gauss_markov;
 pub mod gyro;
-pub mod inertial;
 pub mod mavlink_autopilot;
 mod mavlink_frame;
 pub mod msp_autopilot;
-mod outputs;
 pub mod parameter_table;
 pub mod published_table1;
 pub mod rotation;
@@ -26,6 +22,8 @@ pub mod weather;
 
 pub use self::config::{ConfigError, WorldConfig};
 pub use self::simulated_world::World;
+#[cfg(test)]
+use self::simulated_world::inertial_truth;
 pub use self::state::{CRUISE_CURRENT_A, TrueState};
 
 #[cfg(test)]

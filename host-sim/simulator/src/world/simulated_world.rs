@@ -5,18 +5,21 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use autoswing::frames::{Field, Sensor};
+use autoswing::inertial::GRAVITY_M_S2;
+use log_analysis::numbers::f32_as_f64;
 use nalgebra::Vector3;
 use testkit::clock;
 
-use super::aircraft::{Aircraft, PrescribedMotion, STEP_US};
+use super::aircraft::{Aircraft, PrescribedMotion, STEP_US, VehicleKind};
 use super::autopilot::Leg;
 use super::config::WorldConfig;
 use super::earth::Earth;
 use super::fault_interfaces::FieldFault;
-use super::outputs::outputs;
 use super::rotation::Euler;
 use super::state::TrueState;
+use crate::devices::lsm6dsl::{InertialSource, InertialTruth};
 use crate::devices::sensor::FieldSource;
+use crate::random::{RandomStream, StreamPurpose};
 
 /// Stored past states: 2 s. The slowest sensor setting averages over 1.6 s.
 const HISTORY_STEPS: usize = 400;
@@ -212,5 +215,112 @@ impl WorldState {
         let measured = self.config.airframe.measured_field(&body_ut);
         let current_ut = Vector3::from(self.config.current_interference_ut) * truth.relative_current;
         Field::new(measured.ut + (self.disturbance_ut + current_ut).cast())
+    }
+}
+
+/// Temperature of a board in use, degrees Celsius.
+const BOARD_TEMPERATURE_C: f64 = 30.0;
+
+impl World {
+    /// Input of an inertial sensor whose axes are those of the body.
+    #[must_use]
+    pub fn inertial_source(&self) -> InertialSource {
+        let world = self.clone();
+        Box::new(move |at_us| {
+            let before = world.true_state(at_us.saturating_sub(STEP_US));
+            inertial_truth(&before, &world.true_state(at_us), BOARD_TEMPERATURE_C)
+        })
+    }
+}
+
+/// Mean motion between two states, in body axes. The vehicle keeps its height.
+#[must_use]
+pub fn inertial_truth(before: &TrueState, after: &TrueState, temperature_c: f64) -> InertialTruth {
+    let step_s = after.time_us.saturating_sub(before.time_us).max(1) as f64 * 1e-6;
+    let gained = Vector3::new(after.north_m_s - before.north_m_s, after.east_m_s - before.east_m_s, 0.0);
+    let force = gained / step_s - Vector3::new(0.0, 0.0, f32_as_f64(GRAVITY_M_S2));
+    InertialTruth {
+        rates_rad_s: after.body_rates_rad_s().into(),
+        specific_force_m_s2: after.euler_angles().body_from_earth() * force,
+        temperature_c,
+    }
+}
+
+/// Throttle in cruise or hover.
+const CRUISE_THROTTLE: f64 = 0.4;
+
+/// Throttle by which the outputs answer gusts, root mean square.
+const GUST_THROTTLE: f64 = 0.06;
+
+/// Intervals between the gusts that are interpolated, microseconds.
+const GUST_INTERVALS_US: [u64; 2] = [700_000, 5_000_000];
+
+/// Deflection per body rate, of the range per rad/s.
+const DEFLECTION_PER_RATE: f64 = 0.3;
+
+/// Deflection of the elevator per load factor above one, of the range.
+const ELEVATOR_PER_LOAD: f64 = 0.3;
+
+/// Directions in which each motor of an X frame lifts, of roll, pitch and yaw: front right, rear left, front left, rear
+/// right.
+const MIX: [[f64; 3]; 4] = [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]];
+
+/// Outputs at a time, 0 to 1: four motors of a copter; aileron, elevator, throttle and rudder of others, as ArduPilot
+/// numbers them.
+#[must_use]
+pub(super) fn outputs(config: &WorldConfig, truth: &TrueState) -> [f64; 4] {
+    let gusts: [f64; 4] = std::array::from_fn(|control| gust(config.seed, control as u64, truth.time_us));
+    // Propellers draw a power of the throttle: 1.5 after the momentum theory of a hovering rotor.
+    let throttle = CRUISE_THROTTLE * libm::pow(truth.relative_current, 1.0 / 1.5) + GUST_THROTTLE * gusts[0];
+    let rates = truth.body_rates_rad_s();
+    let controls: [f64; 3] =
+        std::array::from_fn(|axis| DEFLECTION_PER_RATE * rates[axis] + GUST_THROTTLE * gusts[axis + 1]);
+    let outputs = if config.aircraft.kind == VehicleKind::Copter {
+        MIX.map(|mix| throttle + 0.3 * (0..3).map(|axis| mix[axis] * controls[axis]).sum::<f64>())
+    } else {
+        let load = libm::cos(truth.roll_rad).max(0.2).recip() - 1.0;
+        [0.5 + controls[0], 0.5 - ELEVATOR_PER_LOAD * load + controls[1], throttle, 0.5 + controls[2]]
+    };
+    outputs.map(|output| output.clamp(0.0, 1.0))
+}
+
+/// Answer of a control to gusts, of unit variance: random numbers at fixed times, interpolated.
+fn gust(seed: u64, control: u64, time_us: u64) -> f64 {
+    GUST_INTERVALS_US
+        .iter()
+        .map(|interval_us| {
+            let knot = time_us / interval_us;
+            let number = |knot: u64| {
+                let seed =
+                    seed.wrapping_mul(0x9E37_79B9).wrapping_add(knot * 8 + control).wrapping_add(interval_us << 20);
+                RandomStream::new(seed, StreamPurpose::Throttle).gaussian()
+            };
+            let weight = (time_us % interval_us) as f64 / *interval_us as f64;
+            number(knot) * (1.0 - weight) + number(knot + 1) * weight
+        })
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: an acceleration of 1 g to the right at a bank of 45 deg is a coordinated turn, with sqrt(2) g along the
+    /// body's z axis.
+    #[test]
+    fn a_coordinated_turn_has_its_force_along_the_z_axis() {
+        let before = TrueState { heading_rad: 0.7, roll_rad: std::f64::consts::FRAC_PI_4, ..TrueState::default() };
+        let gained_m_s = 9.806_65 * 0.01;
+        let after = TrueState {
+            time_us: 10_000,
+            north_m_s: -libm::sin(0.7) * gained_m_s,
+            east_m_s: libm::cos(0.7) * gained_m_s,
+            heading_rate_rad_s: 0.4,
+            ..before
+        };
+        let truth = inertial_truth(&before, &after, 20.0);
+        let expected = Vector3::new(0.0, 0.0, -9.806_65 * 2_f64.sqrt());
+        assert!((truth.specific_force_m_s2 - expected).norm() < 1e-5, "{}", truth.specific_force_m_s2);
+        assert!((truth.rates_rad_s - Vector3::new(0.0, 0.4, 0.4) / 2_f64.sqrt()).norm() < 1e-12);
     }
 }

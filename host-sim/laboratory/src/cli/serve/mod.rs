@@ -2,10 +2,8 @@
 
 mod byte_connections;
 mod can;
-mod flash_writer;
 #[cfg_attr(not(unix), path = "no_pty.rs")]
 mod pty;
-mod real_time_pace;
 mod serve_loop;
 
 use std::net::{Ipv4Addr, UdpSocket};
@@ -23,9 +21,8 @@ use simulator::world::aircraft::VehicleKind;
 
 use self::byte_connections::{ByteConnection, TcpPort};
 use self::can::MulticastBus;
-use self::flash_writer::FlashWriter;
-use self::serve_loop::{Connections, PilotCommandInput};
 use host_sim::termination::{SecondSignal, TerminationSignals};
+use serve_loop::{Connections, FlashWriter, PilotCommandInput};
 
 use host_sim::command_failure::CommandFailure;
 use host_sim::file_options::named_world;

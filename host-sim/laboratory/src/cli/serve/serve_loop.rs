@@ -1,19 +1,19 @@
 //! Main loop of a served module.
 
-use std::io;
+use std::fs::File;
 use std::net::{SocketAddr, UdpSocket};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
-use std::thread;
+use std::time::{Duration, Instant};
+use std::{io, thread};
 
-use crate::serve::{PORTS, ServedModule};
+use host_sim::command_failure::CommandFailure;
+use host_sim::print;
 
 use super::byte_connections::{ByteConnection, MAX_POLL_BYTES, POLL_INTERVAL, read_in_thread};
 use super::can::MulticastBus;
-use super::flash_writer::FlashWriter;
-use super::real_time_pace::VirtualClock;
-use host_sim::command_failure::CommandFailure;
-use host_sim::print;
+use crate::serve::{FlashImage, FlashImageError, PORTS, ServedModule};
 
 pub struct Connections {
     /// Connections to each of the module's ports, by port.
@@ -156,4 +156,83 @@ fn execute_and_answer(served_module: &mut ServedModule, line: &[u8]) {
             .unwrap_or_else(|error| format!("error {}: {error}", error.stable_code()));
         print::print_line(answer);
     }
+}
+
+/// Longest lag of virtual time that is caught up; a longer one means that the computer slept or is overloaded.
+const MAX_CATCH_UP: Duration = Duration::from_millis(250);
+
+pub struct VirtualClock {
+    speed: f64,
+    last_call: Instant,
+    /// Wall time that was not caught up.
+    skipped_time: Duration,
+    has_warned: bool,
+}
+
+impl VirtualClock {
+    pub fn new(speed: f64) -> Self {
+        Self { speed, last_call: Instant::now(), skipped_time: Duration::ZERO, has_warned: false }
+    }
+
+    /// Virtual time since the last call, microseconds.
+    pub fn elapsed_us(&mut self) -> u64 {
+        let now = Instant::now();
+        let passed = now - self.last_call;
+        self.last_call = now;
+        self.skipped_time += passed.saturating_sub(MAX_CATCH_UP);
+        (passed.min(MAX_CATCH_UP).as_secs_f64() * self.speed * 1e6) as u64
+    }
+
+    /// A warning, returned once, if the computer is too slow.
+    pub fn take_warning(&mut self) -> Option<String> {
+        let is_new = self.skipped_time > Duration::from_secs(2) && !self.has_warned;
+        self.has_warned |= is_new;
+        is_new.then(|| format!("note: this computer does not keep up with --speed {}; it goes on slower", self.speed))
+    }
+}
+
+/// Writes the flash to its file after each change, and keeps the file locked.
+#[derive(Default)]
+pub struct FlashWriter {
+    path: Option<PathBuf>,
+    locked_file: Option<File>,
+    written_change_count: u64,
+    seen_change_count: u64,
+}
+
+impl FlashWriter {
+    /// Locks and reads a file.
+    pub fn open_file(path: Option<&Path>) -> Result<(Self, Option<FlashImage>), CommandFailure> {
+        let (locked_file, image) =
+            path.map(FlashImage::lock_and_read).transpose().map_err(flash_failure)?.flatten().unzip();
+        Ok((Self { path: path.map(Path::to_owned), locked_file, ..Self::default() }, image))
+    }
+
+    /// Writes the module's flash contents to the file.
+    pub fn write_flash(&mut self, served_module: &ServedModule) -> Result<(), CommandFailure> {
+        if let Some(path) = &self.path {
+            if cfg!(windows) {
+                // Windows cannot replace an open file, so the locked file is closed first.
+                self.locked_file = None;
+            }
+            self.locked_file = Some(served_module.flash_image().write_file(path).map_err(flash_failure)?);
+        }
+        Ok(())
+    }
+
+    /// Writes the file if the flash changed and is stable since the last call, or at the end.
+    pub fn write_if_stable(&mut self, served_module: &ServedModule, is_end: bool) -> Result<(), CommandFailure> {
+        let changes = served_module.flash_change_count();
+        let is_stable = changes == self.seen_change_count || is_end;
+        self.seen_change_count = changes;
+        if is_stable && changes != self.written_change_count {
+            self.write_flash(served_module)?;
+            self.written_change_count = changes;
+        }
+        Ok(())
+    }
+}
+
+fn flash_failure(error: FlashImageError) -> CommandFailure {
+    CommandFailure::with_code(error.stable_code(), error)
 }

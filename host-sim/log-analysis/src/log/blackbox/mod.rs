@@ -5,18 +5,16 @@
 //! before 4.2 or after 4.5, panics on a coordinate without sign, predicts the frame after an I frame by one before it, and
 //! searches the erased end of a flash once for each of its bytes.
 
-mod encoding;
-mod header;
+mod frames;
 mod recorder;
 
 use std::io::{self, Read};
 
-use self::encoding::FrameBytes;
-use self::header::{BlackboxHeader, FrameFields, PrecedingFrames};
 use self::recorder::MainRecorder;
 use super::flight::{Gps, LoggedFlight};
 use super::read_window::ReadWindow;
 use crate::numbers::median;
+use frames::{BlackboxHeader, FrameBytes, FrameFields, PrecedingFrames};
 
 /// First line of each flight.
 const FIRST_LINE: &[u8] = b"H Product:Blackbox flight data recorder by Nicholas Sherlock";

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::compass_slot::ardupilot_index;
+use super::compass_slot::{ardupilot_index, ardupilot_vector};
 use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
 
@@ -94,14 +94,12 @@ impl InvertibleCorrection {
         let index = ardupilot_index(slot);
         let value = |name: &str| parameters.value_at(t_s, name);
         let vector = |parameter_part: &str| {
-            let [x, y, z] =
-                ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_{parameter_part}{index}_{axis}")).unwrap_or(0.0));
-            Vector3::new(x, y, z)
+            Vector3::from(ardupilot_vector(parameter_part, slot).map(|name| value(&name).unwrap_or(0.0)))
         };
         let scale =
             value(&format!("COMPASS_SCALE{index}")).filter(|scale| (1.0 / 1.5..=1.5).contains(scale)).unwrap_or(1.0);
         let off_diagonal = vector("ODI");
-        let diagonal = ["X", "Y", "Z"].map(|axis| value(&format!("COMPASS_DIA{index}_{axis}")));
+        let diagonal = ardupilot_vector("DIA", slot).map(|name| value(&name));
         let soft_iron = if diagonal.iter().flatten().all(|axis| *axis == 0.0) {
             Matrix3::identity()
         } else {
@@ -148,12 +146,10 @@ impl InvertibleCorrection {
 
 /// ArduPilot's calibration parameters of a slot that are missing although another of the same x, y, z triple is present.
 pub(super) fn missing_parameters_of_slot(parameters: &ParameterHistory, slot: u8) -> Vec<String> {
-    let index = ardupilot_index(slot);
     let mut missing = Vec::new();
     for parameter_part in ["OFS", "DIA", "ODI"] {
-        let names = ["X", "Y", "Z"].map(|axis| format!("COMPASS_{parameter_part}{index}_{axis}"));
-        let (known, unknown): (Vec<_>, Vec<_>) =
-            names.into_iter().partition(|name| parameters.last_value(name).is_some());
+        let names = ardupilot_vector(parameter_part, slot).into_iter();
+        let (known, unknown): (Vec<_>, Vec<_>) = names.partition(|name| parameters.last_value(name).is_some());
         if !known.is_empty() {
             missing.extend(unknown);
         }

@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use super::scale_problem::ScaleProblem;
-
 /// Reason why a table cannot be read.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CsvError {
@@ -58,3 +56,108 @@ impl fmt::Display for CsvError {
 }
 
 impl std::error::Error for CsvError {}
+
+/// Longest median interval between rows, seconds: no attitude is interpolated over more than a second.
+const MAX_STEP_S: f64 = 5.0;
+
+/// Fewest rows by which a table is judged.
+const MIN_ROWS: usize = 20;
+
+/// Largest angle, degrees; and smallest fraction of the rows beyond it.
+const MAX_ANGLE_DEG: f64 = 400.0;
+const MIN_FRACTION_BEYOND: f64 = 0.01;
+
+/// Smallest step of a value that wraps at 16 bits, and the fewest of them: a spike is two.
+const MIN_WRAP_STEP: f64 = 40_000.0;
+const MIN_WRAPS: usize = 4;
+const MAX_16_BITS: f64 = 32_768.0;
+
+/// Values that contradict the units of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ScaleProblem {
+    /// Median interval between rows.
+    Time(f64),
+    /// Largest angle.
+    Angle(f64),
+    /// The field of this axis wraps at 16 bits.
+    Wrap(char),
+}
+
+impl ScaleProblem {
+    /// Stable code, for programs.
+    #[must_use]
+    pub const fn stable_code(&self) -> &'static str {
+        match self {
+            Self::Time(_) => "time-unit",
+            Self::Angle(_) => "angle-unit",
+            Self::Wrap(_) => "field-wraps",
+        }
+    }
+}
+
+impl fmt::Display for ScaleProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Time(step) => write!(
+                f,
+                "rows are {step:.0} apart in t_s, which is in seconds: name another unit in the header, as `t_s (ms)` or \
+                 `t_s (us)`"
+            ),
+            Self::Angle(largest) => write!(
+                f,
+                "the attitude reaches {largest:.0}, and is in degrees: name another unit in the header, as `roll (cdeg)` for \
+                 hundredths"
+            ),
+            Self::Wrap(axis) => write!(
+                f,
+                "m{axis} jumps between -32768 and 32767, the ends of 16 bits: the field was recorded with too few bits, or in \
+                 too small a unit"
+            ),
+        }
+    }
+}
+
+/// Angles and fields of the rows of a table, so far.
+#[derive(Debug, Default)]
+pub(super) struct ScaleMonitor {
+    rows: usize,
+    rows_beyond: usize,
+    largest_angle: f64,
+    last_field: Option<[f64; 3]>,
+    largest_field: f64,
+    wraps: [usize; 3],
+}
+
+impl ScaleMonitor {
+    /// Adds a row with the numbers of its cells.
+    pub fn add_row(&mut self, angles: [f64; 2], field: [f64; 3]) {
+        let angle = angles[0].abs().max(angles[1].abs());
+        self.rows += 1;
+        self.rows_beyond += usize::from(angle > MAX_ANGLE_DEG);
+        self.largest_angle = self.largest_angle.max(angle);
+        self.largest_field = field.iter().fold(self.largest_field, |largest, axis| largest.max(axis.abs()));
+        let last = self.last_field.replace(field).unwrap_or(field);
+        for (axis, wraps) in self.wraps.iter_mut().enumerate() {
+            *wraps += usize::from((field[axis] - last[axis]).abs() > MIN_WRAP_STEP);
+        }
+    }
+
+    /// Problem of all rows; rows that are not in order of time show no wrap.
+    pub fn problem(&self, is_unordered: bool) -> Option<ScaleProblem> {
+        if self.rows >= MIN_ROWS && self.rows_beyond as f64 > MIN_FRACTION_BEYOND * self.rows as f64 {
+            return Some(ScaleProblem::Angle(self.largest_angle));
+        }
+        let wrapped = self.wraps.iter().position(|wraps| *wraps >= MIN_WRAPS);
+        let is_of_16_bits = self.largest_field <= MAX_16_BITS && !is_unordered;
+        wrapped.filter(|_| is_of_16_bits).map(|axis| ScaleProblem::Wrap(['x', 'y', 'z'][axis]))
+    }
+}
+
+/// Problem of the sorted times of the first rows.
+pub(super) fn time_problem(times_s: &[f64]) -> Option<ScaleProblem> {
+    let mut steps_s: Vec<f64> =
+        times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
+    steps_s.sort_by(f64::total_cmp);
+    let median_s = *steps_s.get(steps_s.len() / 2)?;
+    (steps_s.len() >= MIN_ROWS && median_s > MAX_STEP_S).then_some(ScaleProblem::Time(median_s))
+}

@@ -24,27 +24,20 @@
 //! Lines are parsed by hand in bounded memory: the crate `csv` buffers a record of any length, and real tables have
 //! unclosed quotes, decimal commas and truncated lines.
 
-mod column_unit;
+mod columns;
 mod error;
-mod field_unit;
-mod inertial_attitude;
-mod rates;
 mod reader;
-mod scale_problem;
-mod sensor_columns;
-mod table_cells;
 mod table_layout;
 
 use std::io::Read;
 
-pub use error::CsvError;
-pub use field_unit::FieldUnit;
-pub use scale_problem::ScaleProblem;
+pub use columns::FieldUnit;
+pub use error::{CsvError, ScaleProblem};
 
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
+use columns::is_comment;
 pub(super) use reader::TableReader;
-use table_cells::is_comment;
 use table_layout::{TableLayout, is_header};
 
 /// Whether the first line that is no comment is the header of a table: it names `t_s`, or half of the required columns.
@@ -68,7 +61,7 @@ pub fn read_csv(source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvE
 /// Whether this is the header of a sensor's table whose log has further tables; `file_stem` is the file's name without
 /// extension.
 pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
-    sensor_columns::is_sensor_table(header, file_stem)
+    columns::is_sensor_table(header, file_stem)
 }
 
 /// Reads a table whose log has further tables if it has a name.
@@ -117,7 +110,7 @@ const MAX_ORDER_CHECK_LINES: usize = 1000;
 #[cfg(test)]
 mod tests {
     use super::super::time_series::Series;
-    use super::rates::rates_at_rows;
+    use super::reader::rates_at_rows;
     use super::*;
 
     const VALID_TABLE: &str =

@@ -1,14 +1,14 @@
 //! Reader that turns the rows of a table into a flight.
 
+use autoswing::inertial::{AttitudeFilter, InertialSample, InertialSensorErrors, SensorOffsets};
+use autoswing::time::Timestamp;
+
 use super::super::flight::{Gps, LogFormat, LoggedFlight};
 use super::super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::super::time_series::Series;
 use super::super::timeline::Timeline;
-use super::error::CsvError;
-use super::field_unit::FieldUnit;
-use super::inertial_attitude::inertial_attitudes;
-use super::rates::rates_at_rows;
-use super::scale_problem::{ScaleMonitor, ScaleProblem, time_problem};
+use super::columns::FieldUnit;
+use super::error::{CsvError, ScaleMonitor, ScaleProblem, time_problem};
 use super::table_layout::{InvalidCell, TableLayout};
 
 /// Clock value assigned to the median time of the first lines, microseconds; large, so that earlier lines have positive
@@ -201,4 +201,54 @@ impl TableReader {
             flight.compasses.is_empty() && flight.body_rates.is_empty() && flight.skipped_counts.rejected_readings == 0;
         if is_empty { Err(CsvError::NoRows(self.first_invalid_cell)) } else { Ok(flight) }
     }
+}
+
+/// Interval between rows, in median steps, that counts as a gap: a mean rate over it does not represent its ends.
+const MAX_GAP_IN_MEDIAN_STEPS: f64 = 3.0;
+
+/// Converts means over the preceding interval to rates at the rows: the average of the means before and after, which
+/// has no lag. At a gap only the mean of the side without the gap is used, if there is one.
+pub(super) fn rates_at_rows(mean_rates: &Series<3>) -> Vec<(f64, [f32; 3])> {
+    let Some(step_s) = mean_rates.median_step_s() else {
+        return mean_rates.rows().iter().map(|row| (row.t_s, row.row_values)).collect();
+    };
+    let rows = mean_rates.rows();
+    let is_gap = |later: usize| rows[later].t_s - rows[later - 1].t_s > MAX_GAP_IN_MEDIAN_STEPS * step_s;
+    (0..rows.len())
+        .map(|i| {
+            let before = rows[i].row_values;
+            let after = rows.get(i + 1).filter(|_| !is_gap(i + 1)).map(|next| next.row_values);
+            let is_after_gap = i == 0 || is_gap(i);
+            let rate = match after {
+                Some(after) if is_after_gap => after,
+                Some(after) => std::array::from_fn(|axis| before[axis].midpoint(after[axis])),
+                None => before,
+            };
+            (rows[i].t_s, rate)
+        })
+        .collect()
+}
+
+/// Longest interval of the accelerometer that is interpolated, seconds: that of the filter.
+const MAX_GAP_S: f64 = 0.1;
+
+/// Largest standard deviation of an attitude that is used, radians: 5 deg, at which the field's inclination scatters as
+/// much as by a bad compass.
+const MAX_TILT_SIGMA_RAD: f32 = 0.087;
+
+/// Time, roll and pitch of each row of the gyro (rad/s) with a force of the accelerometer (m/s^2), body axes.
+pub(super) fn inertial_attitudes<'a>(
+    rates: &'a Series<3>,
+    forces: &'a Series<3>,
+) -> impl Iterator<Item = (f64, [f32; 2])> + 'a {
+    let start_s = rates.rows().first().map_or(0.0, |row| row.t_s);
+    let mut filter = AttitudeFilter::new(InertialSensorErrors::CALIBRATED, SensorOffsets::UNKNOWN);
+    rates.rows().iter().filter_map(move |row| {
+        let force = forces.interpolate_or_hold(row.t_s, MAX_GAP_S)?;
+        let at = Timestamp::from_us(((row.t_s - start_s) * 1e6) as u64);
+        let sample = InertialSample { rates_rad_s: row.row_values.into(), specific_force_m_s2: force.into() };
+        filter.update(at, &sample, None);
+        let estimate = filter.attitude().filter(|estimate| estimate.tilt_sigma_rad() < MAX_TILT_SIGMA_RAD)?;
+        Some((row.t_s, [estimate.attitude.roll_rad, estimate.attitude.pitch_rad]))
+    })
 }

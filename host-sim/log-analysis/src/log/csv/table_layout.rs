@@ -1,11 +1,10 @@
 //! Columns of a table and the parser of its lines.
 
 use super::super::flight_builder::MAX_COMPASSES;
-use super::column_unit::{columns_with_units, find_with_unit, unit_size};
+use super::columns::{
+    FieldUnit, HeaderCell, cell_separator, columns_with_units, find_with_unit, header_cells, trimmed_cell, unit_size,
+};
 use super::error::CsvError;
-use super::field_unit::FieldUnit;
-use super::sensor_columns::{HeaderCell, header_cells};
-use super::table_cells::{cell_separator, trimmed_cell};
 
 pub(super) struct TableLayout {
     cell_separator: char,

@@ -4,13 +4,11 @@
 //! (MAG.I, IMU.I, GPS.I, BAT.Inst); before, there were MAG2, MAG3, IMU2. CURR preceded BAT, TimeMS preceded TimeUS (T
 //! in GPS).
 
-mod binary;
+mod formats;
 mod messages;
-mod text_log;
 
-pub use binary::{is_sdlog2, is_without_start, matches_header, read_binary};
+pub use formats::{is_sdlog2, is_without_start, matches_header, read_binary, read_text};
 pub(super) use messages::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, quaternion_to_euler_rad, record_message};
-pub use text_log::read_text;
 
 #[cfg(test)]
 mod tests;

@@ -136,7 +136,7 @@ fn a_compass_is_corrected_by_the_parameters_of_its_slot() {
     }
     let expected = read_bytes(&encode_dataflash_text(&original)).unwrap();
     let found = read_bytes(text.as_bytes()).unwrap();
-    let slot = |index| CompassSlot::Known { index, evidence: SlotEvidence::Offsets };
+    let slot = |index| CompassSlot::Known(index);
     assert_eq!([&expected, &found].map(|flight| flight.compasses[0].slot), [slot(1), slot(2)]);
     assert_eq!(found.parameters.last_value("COMPASS_OFS2_Y"), Some(-60.0));
     for (found, expected) in found.compasses.iter().zip(&expected.compasses) {

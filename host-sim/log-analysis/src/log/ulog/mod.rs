@@ -2,16 +2,16 @@
 
 mod row_layout;
 mod sensors;
-mod topic_table;
 
 use std::collections::HashMap;
 use std::io::{self, Read};
 use std::rc::Rc;
 
-use row_layout::{RowColumn, RowColumns, TopicRow, parse_keyed_value, scalar_type};
+pub use row_layout::topic_of_file;
+use row_layout::{
+    READ_TOPICS, RowColumn, RowColumns, TopicRow, columns_of_header, parse_keyed_value, row_of_line, scalar_type,
+};
 use sensors::CompassAssignment;
-pub use topic_table::topic_of_file;
-use topic_table::{READ_TOPICS, columns_of_header, row_of_line};
 
 use super::compass_slot::UnknownSlot;
 use super::dataflash::quaternion_to_euler_rad;
@@ -120,6 +120,7 @@ struct UlogTopic {
 }
 
 /// Flight that is read from the messages of a log, or from a table of each topic.
+#[derive(Default)]
 pub struct UlogReader {
     builder: FlightBuilder,
     formats: HashMap<String, String>,
@@ -138,16 +139,7 @@ impl UlogReader {
     pub fn new() -> Self {
         let mut builder = FlightBuilder::new(LogFormat::ULog);
         builder.flight.autopilot = AutopilotKind::Px4;
-        Self {
-            builder,
-            formats: HashMap::new(),
-            topics: HashMap::new(),
-            px4_version: None,
-            has_angular_velocity: false,
-            sensor_combined: (Series::new(), Series::new()),
-            compass_assignment: CompassAssignment::default(),
-            is_of_tables: false,
-        }
+        Self { builder, ..Self::default() }
     }
 
     /// Reads the table of a topic.

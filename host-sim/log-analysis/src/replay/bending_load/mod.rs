@@ -7,7 +7,6 @@
 
 mod candidates;
 mod finding;
-mod motor_layout;
 mod periodic;
 mod regression;
 

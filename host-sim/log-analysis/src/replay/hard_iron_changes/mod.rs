@@ -5,11 +5,11 @@ mod turn_confirmation;
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
+use super::data_loss::measured_turns;
 use super::hard_iron_jump::{
     FittedCorrection, absolute_residuals_ut, cancel_each_other, find_jump_times_s, find_jumps,
 };
 use super::hard_iron_step::{HardIronStep, find_step};
-use super::integrated_turns::measured_turns;
 use super::replay_run::solve_all_rows;
 use super::row_solve::solved_correction;
 use super::{data_loss, rows};

@@ -9,8 +9,8 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::log::{HeadingIntegral, LoggedFlight, MAX_PITCH_RAD};
 use crate::numbers::square;
+use crate::replay::data_loss::measured_turns;
 use crate::replay::flown_headings::HeadingSectors;
-use crate::replay::integrated_turns::measured_turns;
 use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
 

@@ -222,7 +222,7 @@ fn ardupilot_custom_rotation(
 }
 
 fn is_node(flight: &LoggedFlight, compass_number: u8) -> bool {
-    let logged = flight.compasses.iter().find(|compass| compass.compass_number == compass_number);
+    let logged = flight.compass(compass_number);
     logged.and_then(|compass| compass.device_id).is_some_and(DeviceId::is_node)
 }
 

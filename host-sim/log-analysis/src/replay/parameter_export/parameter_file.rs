@@ -9,7 +9,7 @@ use super::parameter_format::ParameterFormat;
 use super::symmetric_fit::correction_parts;
 use crate::log::{
     ARDUPILOT_SLOTS, CompassSlot, CustomRotation, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory,
-    SensorOrientation, ardupilot_index, logged_mounting, orientation_parameter, px4_mounting,
+    SensorOrientation, ardupilot_index, ardupilot_vector, logged_mounting, orientation_parameter, px4_mounting,
 };
 use crate::numbers::format_number;
 
@@ -23,10 +23,9 @@ const AMPERES_PER_KILOAMPERE: f64 = 1000.0;
 pub fn format_parameter_file(flight: &LoggedFlight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
     let (mut slotted, mut comments) = (Vec::new(), String::new());
     for export in exports {
-        let logged = flight.compasses.iter().find(|compass| compass.compass_number == export.compass_number);
-        match logged.map(|compass| compass.slot).unwrap_or_default() {
-            CompassSlot::Known { index, .. } => slotted.push((export, index)),
-            CompassSlot::Unknown { reason } => {
+        match flight.compass(export.compass_number).map(|compass| compass.slot).unwrap_or_default() {
+            CompassSlot::Known(index) => slotted.push((export, index)),
+            CompassSlot::Unknown(reason) => {
                 // Writing to a string cannot fail.
                 let _ = writeln!(comments, "# compass {}: no parameters, because {reason}", export.compass_number);
             }
@@ -76,7 +75,6 @@ fn write_ardupilot_parameters(
         if slot != export.compass_number {
             writeln!(text, "# its parameters are those of slot {slot}, which has its device id")?;
         }
-        let index = ardupilot_index(slot);
         let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
         for (name, numbers, decimals) in [
             ("OFS", -offsets * MILLIGAUSS_PER_UT, 2),
@@ -85,11 +83,11 @@ fn write_ardupilot_parameters(
             // ArduPilot adds the motor-current term after the multiplication with the matrix.
             ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS_PER_UT, 3),
         ] {
-            for (axis, value) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
-                writeln!(text, "COMPASS_{name}{index}_{axis},{}", format_number(*value, decimals))?;
+            for (name, value) in ardupilot_vector(name, slot).iter().zip(numbers.iter()) {
+                writeln!(text, "{name},{}", format_number(*value, decimals))?;
             }
         }
-        writeln!(text, "COMPASS_SCALE{index},1")?;
+        writeln!(text, "COMPASS_SCALE{},1", ardupilot_index(slot))?;
         write_ardupilot_orientation(text, flight, export, slot)?;
     }
     Ok(())
@@ -133,10 +131,7 @@ pub fn may_compensate_current(flight: &LoggedFlight, compass_number: u8, format:
     const PER_MOTOR_SLOT: u8 = 1;
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
     let slot = flight.slot_index(compass_number);
-    let is_compensated = |other_slot: u8| {
-        let index = ardupilot_index(other_slot);
-        ["X", "Y", "Z"].iter().any(|axis| parameter(&format!("COMPASS_MOT{index}_{axis}")) != 0.0)
-    };
+    let is_compensated = |other_slot: u8| ardupilot_vector("MOT", other_slot).iter().any(|name| parameter(name) != 0.0);
     let mut other_slots = ARDUPILOT_SLOTS.filter(|other| Some(*other) != slot);
     format != ParameterFormat::ArduPilot
         || match parameter("COMPASS_MOTCT").round() as i32 {

@@ -62,8 +62,8 @@ pub fn check_reading(
 fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcome {
     let logged = flight.compass(compass.compass_number);
     match logged.map(|logged| logged.slot).unwrap_or_default() {
-        CompassSlot::Known { .. } => CheckOutcome::Passed,
-        slot @ CompassSlot::Unknown { reason } => {
+        CompassSlot::Known(_) => CheckOutcome::Passed,
+        slot @ CompassSlot::Unknown(reason) => {
             let finding = format!("its parameters in the autopilot are unknown, because {reason}");
             if slot.is_contradictory() { CheckOutcome::Failed(finding) } else { CheckOutcome::Unchecked(finding) }
         }

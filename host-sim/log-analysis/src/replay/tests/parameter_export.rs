@@ -121,7 +121,7 @@ fn flight_with_parameters(format: ParameterFormat, parameters: &[(&str, f64)]) -
     let mut flight = LoggedFlight::new(log::LogFormat::DataFlash);
     let compass = |compass_number| {
         let index = compass_number - u8::from(format == ParameterFormat::Px4);
-        let slot = log::CompassSlot::Known { index, evidence: log::SlotEvidence::Numbering };
+        let slot = log::CompassSlot::Known(index);
         log::LoggedCompass { compass_number, slot, ..Default::default() }
     };
     flight.compasses = [1, 2, 3].map(compass).into();
@@ -380,7 +380,7 @@ fn parameters_are_those_of_the_slot_of_the_compass() {
     let mut flight = flight_with_parameters(ParameterFormat::ArduPilot, &[("COMPASS_ORIENT2", 4.0)]);
     flight.autopilot = log::AutopilotKind::ArduPilot;
     flight.parameters.set_value(5.0, "COMPASS_ORIENT2", 2.0);
-    flight.compasses[0].slot = log::CompassSlot::Known { index: 2, evidence: log::SlotEvidence::DeviceId };
+    flight.compasses[0].slot = log::CompassSlot::Known(2);
     flight.compasses[1].slot = log::CompassSlot::default();
     let mut exports = [1, 2].map(export_of_compass);
     exports[0].correction.hard_iron_ut.x = 3.0;

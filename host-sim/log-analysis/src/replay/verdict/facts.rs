@@ -1,11 +1,14 @@
 //! Facts about a compass, as names and values.
 
+use std::fmt;
+
 use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution};
+use autoswing_module::messages::Refusal;
 
 use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
-use super::module_outcome::CompassOutcome;
 use crate::numbers::format_number;
+use crate::replay::evaluation::CompassEvaluation;
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::rows::RowCounts;
 
@@ -136,5 +139,41 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
             ),
         );
         add_fact("would help most", format!("{} ({now} to {then} deg)", advice.manoeuvre));
+    }
+}
+
+/// Whether and when the module would have calibrated a compass; displayed as a phrase.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CompassOutcome {
+    /// Calibrated without a command at this time of the log, seconds.
+    Automatic(f64),
+    /// Calibrated only by a command at the end of the log.
+    Commanded,
+    /// The module would have refused the calibration.
+    Refused(Refusal),
+}
+
+impl CompassOutcome {
+    /// Outcome of a compass; none if no module is compared.
+    #[must_use]
+    pub fn new(compass: &CompassEvaluation) -> Option<Self> {
+        let outcome = match (&compass.module_result.as_ref()?.acceptance, compass.calibration_time_s()) {
+            (Err(refusal), _) => Self::Refused(refusal.clone()),
+            (Ok(()), Some(at_s)) => Self::Automatic(at_s),
+            (Ok(()), None) => Self::Commanded,
+        };
+        Some(outcome)
+    }
+}
+
+impl fmt::Display for CompassOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Automatic(at_s) => {
+                write!(f, "would have calibrated itself at {} s of the log", format_number(*at_s, 0))
+            }
+            Self::Commanded => f.write_str("would have calibrated by a command at the end"),
+            Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.stable_code()),
+        }
     }
 }

@@ -5,8 +5,7 @@ mod facts;
 mod flight_verdict;
 mod json;
 mod judgement;
-mod module_outcome;
 
+pub use facts::CompassOutcome;
 pub use flight_verdict::{CompassVerdict, Verdict};
 pub use judgement::{CompassAction, CompassJudgement, CompassState, JudgementReason};
-pub use module_outcome::CompassOutcome;

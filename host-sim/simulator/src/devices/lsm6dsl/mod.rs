@@ -7,7 +7,6 @@
 //! all outputs do not need here.
 
 mod measurement_errors;
-mod motion;
 mod registers;
 
 use std::cell::RefCell;
@@ -16,8 +15,7 @@ use std::rc::Rc;
 use testkit::clock;
 
 use crate::devices::i2c::SimulatedI2cDevice;
-pub use measurement_errors::MeasurementErrors;
-pub use motion::{InertialFault, InertialSource, InertialTruth};
+pub use measurement_errors::{InertialFault, InertialSource, InertialTruth, MeasurementErrors};
 use registers::Lsm6dslRegisters;
 
 /// 7-bit address with pin SDO/SA0 low, as on ST's boards.

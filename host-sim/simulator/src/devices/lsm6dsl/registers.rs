@@ -4,7 +4,7 @@ use autoswing::inertial::GRAVITY_M_S2;
 use log_analysis::numbers::f32_as_f64;
 use nalgebra::Vector3;
 
-use super::motion::InertialTruth;
+use super::measurement_errors::InertialTruth;
 
 const WHO_AM_I: u8 = 0x0F;
 const CTRL1_XL: u8 = 0x10;

@@ -4,7 +4,6 @@
 //! recreated at each start of the module. The host's end never blocks and never loses a byte.
 
 mod cable_direction;
-mod error;
 
 use std::cell::RefCell;
 use std::future::poll_fn;
@@ -18,8 +17,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 use testkit::clock;
 
 use self::cable_direction::CableDirection;
-pub use self::cable_direction::{TimedByte, WakeCondition};
-pub use self::error::UartError;
+pub use cable_direction::{TimedByte, UartError, WakeCondition};
 
 /// Settings of the cable and of the module's UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,10 +4,8 @@
 //! nose and `g tan(phi) / cos(theta)` to the right, less drag.
 
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S, forward_right, north_east};
-use crate::world::aircraft::turbulence::Turbulence;
-use crate::world::autopilot::TranslationMode;
-use crate::world::autopilot::VehicleCommand;
+use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S, Turbulence, forward_right, north_east};
+use crate::world::autopilot::{TranslationMode, VehicleCommand};
 use crate::world::state::TrueState;
 use crate::world::weather::Weather;
 

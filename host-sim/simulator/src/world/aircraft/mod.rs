@@ -1,15 +1,12 @@
 //! Vehicle models that carry the compass: aeroplane, multirotor, VTOL, rover, boat, hand.
 
-mod boat;
 mod config;
 mod copter;
 mod external_attitude;
 mod hand;
 mod motion;
 mod plane;
-mod rough_surface;
-mod rover;
-mod turbulence;
+mod surface_vehicles;
 mod vtol;
 
 use std::f64::consts::{PI, TAU};
@@ -17,18 +14,17 @@ use std::f64::consts::{PI, TAU};
 pub use self::config::{VehicleConfig, VehicleKind};
 pub use self::motion::STEP_US;
 
-use self::boat::Boat;
 use self::copter::{Copter, CopterLimits};
 use self::external_attitude::AttitudeInterpolation;
 use self::hand::Hand;
 use self::motion::STEP_S;
 use self::plane::Plane;
-use self::rover::Rover;
 use self::vtol::Vtol;
 use super::autopilot::{Autopilot, VehicleCommand};
 use super::rotation::Euler;
 use super::state::TrueState;
 use super::weather::Weather;
+use surface_vehicles::{Boat, Rover};
 
 #[derive(Clone, Debug)]
 enum Vehicle {

@@ -1,8 +1,7 @@
 //! Aeroplane: banks at a limited rate, turns by its bank, drifts with the wind, and is disturbed by gusts.
 
 use crate::world::aircraft::config::VehicleConfig;
-use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S};
-use crate::world::aircraft::turbulence::Turbulence;
+use crate::world::aircraft::motion::{GRAVITY_M_S2, STEP_S, Turbulence};
 use crate::world::autopilot::VehicleCommand;
 use crate::world::state::TrueState;
 use crate::world::weather::Weather;

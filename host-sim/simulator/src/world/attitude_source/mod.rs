@@ -9,7 +9,7 @@ use mavlink_dialect::{
 use serde::{Deserialize, Serialize};
 
 use super::aircraft;
-use super::flight_place::{ReportedPosition, START_UNIX_US};
+use super::earth::{ReportedPosition, START_UNIX_US};
 use super::gauss_markov::FirstOrderProcess;
 use super::gyro::{Gyro, GyroConfig};
 use super::mavlink_frame::MavlinkFrame;

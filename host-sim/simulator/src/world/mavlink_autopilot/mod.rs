@@ -9,7 +9,7 @@ use mavlink_dialect::{
 };
 
 use super::attitude_source::SimulatedAttitudeSource;
-pub use super::flight_place::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
+pub use super::earth::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
 pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
 use super::parameter_table::ParameterTable;
 use super::state::TrueState;

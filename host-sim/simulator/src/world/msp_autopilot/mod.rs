@@ -5,12 +5,11 @@
 
 mod frame;
 mod settings;
-mod state;
 
 use std::collections::VecDeque;
 
+pub use self::frame::{AutopilotState, MspFirmware};
 pub use self::settings::InavSettings;
-pub use self::state::{AutopilotState, MspFirmware};
 
 use self::frame::{MspAnswer, MspRequest, RequestReader, encode_reply};
 use crate::random::{RandomStream, StreamPurpose};

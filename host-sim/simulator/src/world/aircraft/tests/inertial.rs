@@ -5,7 +5,7 @@ use autoswing::time::Timestamp;
 
 use super::*;
 use crate::devices::lsm6dsl::MeasurementErrors;
-use crate::world::inertial::inertial_truth;
+use crate::world::inertial_truth;
 use crate::world::rotation::Euler;
 
 /// Errors of tilt after the first minute, RMS in degrees, and the largest in sigmas.

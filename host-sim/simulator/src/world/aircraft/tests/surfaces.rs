@@ -2,7 +2,7 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use super::super::rough_surface::{Surface, roll_pitch_on_slope};
+use super::super::surface_vehicles::{Surface, roll_pitch_on_slope};
 use super::*;
 use crate::world::rotation::Euler;
 

@@ -1,9 +1,10 @@
-//! Magnetometer of a simulated module: chip, bus, and the firmware's task with the chip's driver.
+//! Sensors of a simulated module: chip, bus, and the firmware's task with the chip's driver.
 
 use std::cell::RefCell;
 use std::rc::Rc;
 
 use autoswing_firmware::app::{self, TaskLinks};
+use autoswing_firmware::inertial_sensor::lsm6dsl::Lsm6dsl;
 use autoswing_firmware::magnetometer::Magnetometer;
 use autoswing_firmware::magnetometer::lis3mdl::Lis3mdl;
 use autoswing_firmware::magnetometer::rm3100::Rm3100;
@@ -11,6 +12,7 @@ use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;
 use crate::devices::lis3mdl::{SimulatedLis3mdl, SimulatedLis3mdlConfig};
+use crate::devices::lsm6dsl::{ADDRESS, InertialFault, InertialSource, SimulatedLsm6dsl};
 use crate::devices::rm3100::{Rm3100Config, Rm3100Fault, SimulatedRm3100};
 use crate::devices::sensor::{FieldSource, SensorModel};
 use crate::devices::spi::SelectedDevice;
@@ -78,4 +80,30 @@ impl SimulatedMagnetometer {
 
 fn spawn_sensor_task(simulation: &mut Simulation, links: Rc<TaskLinks>, driver: impl Magnetometer + 'static) {
     simulation.spawn(ExecutorLevel::Interrupt, "sensor", async move { app::sensor::run_sensor(&links, driver).await });
+}
+
+/// LSM6DSL on its bus; survives a restart of the module.
+pub struct SimulatedInertialSensor {
+    /// The chip.
+    pub chip: Rc<RefCell<SimulatedLsm6dsl>>,
+    bus: SimulatedI2cBus,
+}
+
+impl SimulatedInertialSensor {
+    /// A chip with the errors of its data sheet, drawn by the seed.
+    #[must_use]
+    pub fn new(seed: u64, source: InertialSource, bus: SimulatedI2cBus, faults: Vec<Box<dyn InertialFault>>) -> Self {
+        let chip = SimulatedLsm6dsl::new(seed, 1.0, source);
+        chip.borrow_mut().set_faults(faults);
+        bus.attach_device(chip.clone());
+        Self { chip, bus }
+    }
+
+    /// Starts the firmware's task with the chip's driver.
+    pub(crate) fn spawn_task(&self, simulation: &mut Simulation, links: Rc<TaskLinks>) {
+        let driver = Lsm6dsl::new(self.bus.clone(), ADDRESS);
+        simulation.spawn(ExecutorLevel::Interrupt, "inertial sensor", async move {
+            app::inertial::run_inertial_sensor(&links, driver).await;
+        });
+    }
 }
