@@ -8,8 +8,7 @@ use simulator::devices::sensor::SensorModel;
 use simulator::world::aircraft::VehicleKind;
 
 /// Vehicles of the studies.
-pub const AIRCRAFT_NAMES: &[(&str, VehicleKind)] =
-    &[("plane", VehicleKind::Plane), ("copter", VehicleKind::Copter), ("vtol", VehicleKind::Vtol)];
+pub const STUDIED_AIRCRAFT: &[VehicleKind] = &[VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol];
 
 /// Magnetometers of the simulated module.
 pub const SENSOR_NAMES: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3mdl), ("rm3100", SensorModel::Rm3100)];
@@ -70,6 +69,15 @@ pub fn named_value<T: Copy + Send + Sync + 'static>(
     names.try_map(|name| {
         values.iter().find(|(known_name, _)| *known_name == name).map(|(_, value)| *value).ok_or("unknown")
     })
+}
+
+/// Parses the name of one of several values, each of which has its own name.
+pub fn value_named_by<T: Copy + Send + Sync + 'static>(
+    values: &'static [T],
+    name_of: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    let names = PossibleValuesParser::new(values.iter().map(|value| name_of(*value)));
+    names.try_map(move |name| values.iter().copied().find(|value| name_of(*value) == name).ok_or("unknown"))
 }
 
 #[cfg(test)]

@@ -187,6 +187,16 @@ pub fn narrow_table<T: ToString>(names: impl IntoIterator<Item = T>) -> Table {
     table
 }
 
+/// Name of a column, and the text of a row's cell in it.
+pub type Column<'a, Row> = (&'a str, fn(&Row) -> String);
+
+/// A narrow table of rows.
+pub fn table_of<Row>(rows: &[Row], columns: &[Column<'_, Row>]) -> Table {
+    let mut table = narrow_table(columns.iter().map(|(name, _)| name));
+    table.add_rows(rows.iter().map(|row| columns.iter().map(|(_, cell)| right_aligned(cell(row)))));
+    table
+}
+
 /// A table whose text wraps at [`output_width`].
 #[must_use]
 pub fn wrapped_table<const N: usize>(names: [&str; N]) -> Table {

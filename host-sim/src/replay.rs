@@ -17,32 +17,16 @@ use log_analysis::report::{self, ReportOrigin};
 use crate::command_failure::CommandFailure;
 use crate::file_options::visit_logs;
 use crate::heading_file::write_headings;
-use crate::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time};
+use crate::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time, value_named_by};
 use crate::print::{self, command_line, show_spinner, write_report};
 use crate::verdict_text::{WrittenOutput, full_text, summary_text};
 
-const ROW_SELECTIONS: &[(&str, RowSelection)] = &[
-    (RowSelection::All.selection_name(), RowSelection::All),
-    (RowSelection::Turns.selection_name(), RowSelection::Turns),
-    (RowSelection::Flight.selection_name(), RowSelection::Flight),
-];
+const ROW_SELECTIONS: &[RowSelection] = &[RowSelection::All, RowSelection::Turns, RowSelection::Flight];
 
 const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
     &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
 
-const REFERENCE_NAMES: &[(&str, ReferenceKind)] = &[
-    (ReferenceKind::Simulator.option_name(), ReferenceKind::Simulator),
-    (ReferenceKind::Column.option_name(), ReferenceKind::Column),
-    (ReferenceKind::GpsYaw.option_name(), ReferenceKind::GpsYaw),
-    (ReferenceKind::GpsCourse.option_name(), ReferenceKind::GpsCourse),
-    (ReferenceKind::AutopilotYaw.option_name(), ReferenceKind::AutopilotYaw),
-];
-
-const CORRECTED_TERMS: &[(&str, CorrectedTerms)] = &[
-    (CorrectedTerms::Offsets.option_name(), CorrectedTerms::Offsets),
-    (CorrectedTerms::Scale.option_name(), CorrectedTerms::Scale),
-    (CorrectedTerms::All.option_name(), CorrectedTerms::All),
-];
+const CORRECTED_TERMS: &[CorrectedTerms] = &[CorrectedTerms::Offsets, CorrectedTerms::Scale, CorrectedTerms::All];
 
 const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
 
@@ -90,19 +74,19 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_log_time)]
     pub to: Option<f64>,
     /// Heading that errors are measured against [default: the best in the log, in this order]
-    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = named_value(REFERENCE_NAMES))]
+    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = value_named_by(&ReferenceKind::ALL_KINDS, ReferenceKind::option_name))]
     pub reference: Option<ReferenceKind>,
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
     #[arg(long, value_name = "ardupilot|px4|inav", value_parser = named_value(PARAMETER_FORMATS))]
     pub params_for: Option<ParameterFormat>,
     /// What the parameters correct, if all of it makes the compass useful: offsets; offsets and one scale; or offsets,
     /// matrix, motor current and orientation. The report has the error of each
-    #[arg(long, default_value = "all", value_name = "offsets|scale|all", value_parser = named_value(CORRECTED_TERMS))]
+    #[arg(long, default_value = "all", value_name = "offsets|scale|all", value_parser = value_named_by(CORRECTED_TERMS, CorrectedTerms::option_name))]
     pub correct: CorrectedTerms,
     /// Compare with an Autoswing module on this flight, and with fits of a sphere and an ellipsoid. The module fits the
     /// samples it keeps in any flight until they suffice (`flight`, also without a name); `all` usable rows, evenly thinned
     /// to its capacity; or the samples of its `turns` procedure
-    #[arg(long, value_name = "flight|all|turns", value_parser = named_value(ROW_SELECTIONS), num_args = 0..=1,
+    #[arg(long, value_name = "flight|all|turns", value_parser = value_named_by(ROW_SELECTIONS, RowSelection::selection_name), num_args = 0..=1,
           require_equals = true, default_missing_value = "flight")]
     pub module: Option<RowSelection>,
     /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]

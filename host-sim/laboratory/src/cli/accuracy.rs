@@ -11,14 +11,8 @@ use serde_json::json;
 use simulator::world::aircraft::VehicleKind;
 
 use host_sim::command_failure::CommandFailure;
-use host_sim::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value, number_in_range};
-use host_sim::print::{self, append_wrapped, narrow_table, progress_bar, right_aligned};
-
-const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
-    ("routine", FlightPattern::Routine),
-    ("mirrored", FlightPattern::Mirrored),
-    ("wandering", FlightPattern::Wandering),
-];
+use host_sim::option_parsers::{STUDIED_AIRCRAFT, integer_in_range, number_in_range, value_named_by};
+use host_sim::print::{self, append_wrapped, progress_bar, table_of};
 
 /// Random airframes: heading error of each method relative to the Cramer-Rao bound, and accuracy of sigma.
 ///
@@ -34,10 +28,10 @@ const FLIGHT_PATTERNS: &[(&str, FlightPattern)] = &[
 #[command(after_help = "Example: lab bench accuracy --aircraft copter --airframes 5")]
 pub struct AccuracyOptions {
     /// Kind of aircraft
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = value_named_by(STUDIED_AIRCRAFT, VehicleKind::vehicle_name))]
     aircraft: VehicleKind,
     /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
-    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = named_value(FLIGHT_PATTERNS))]
+    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = value_named_by(&FlightPattern::ALL_PATTERNS, FlightPattern::pattern_name))]
     patterns: Vec<FlightPattern>,
     /// Duration of a flight, minutes, 1 to 120 [default: 3]
     #[arg(long, value_name = "MINUTES", value_parser = number_in_range(1.0, 120.0))]
@@ -94,22 +88,18 @@ fn format_outcome(plan: AccuracyPlan, outcome: &AccuracyResult) -> String {
         "",
         &format!("{airframes} airframes, {draws} flights of each; bound {bound_deg:.3} deg rms, median"),
     );
-    let mut table =
-        narrow_table(["method", "rms/\nbound", "worst\n10 %", "rms,\ndeg", "solved,\n%", "accepted,\n%", "wrong"]);
-    for method in &outcome.methods {
-        table.add_row(
-            [
-                method.method.to_owned(),
-                format!("{:.3}", method.ratio_median),
-                format!("{:.3}", method.ratio_worst_decile),
-                format!("{:.3}", method.solves.rms_median_deg),
-                format!("{:.1}", method.solves.converged_percent),
-                format!("{:.1}", method.solves.accepted_percent),
-                format!("{}", method.solves.wrong_calibrations),
-            ]
-            .map(right_aligned),
-        );
-    }
+    let table = table_of(
+        &outcome.methods,
+        &[
+            ("method", |method| method.method.to_owned()),
+            ("rms/\nbound", |method| format!("{:.3}", method.ratio_median)),
+            ("worst\n10 %", |method| format!("{:.3}", method.ratio_worst_decile)),
+            ("rms,\ndeg", |method| format!("{:.3}", method.solves.rms_median_deg)),
+            ("solved,\n%", |method| format!("{:.1}", method.solves.converged_percent)),
+            ("accepted,\n%", |method| format!("{:.1}", method.solves.accepted_percent)),
+            ("wrong", |method| method.solves.wrong_calibrations.to_string()),
+        ],
+    );
     let _ = writeln!(text, "{table}\nrms/bound, rms: medians over the airframes; worst 10 %: what a tenth exceeds");
     for (source, coverage) in
         [("noise alone", outcome.coverage), ("noise, bias and bank scale", outcome.coverage_with_faults)]
@@ -159,44 +149,39 @@ fn run_whole_flights_study(
 fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
     let AccuracyPlan { airframe_count: airframes, noise_draws: draws, .. } = plan;
     let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.pattern_name());
-    let mut errors =
-        narrow_table(["flight", "minutes", "readings", "rms", "worst\n10 %", "solved,\n%", "accepted,\n%", "wrong"]);
-    let mut ratios =
-        narrow_table(["flight", "rms/\nkept", "best", "rms/\nbest", "worst\n10 %", "1/2\nsigma, %", "with\nfaults, %"]);
-    for row in rows {
-        let within = |sigma_coverage: SigmaCoverage| {
-            format!("{:.1}/{:.1}", sigma_coverage.one_sigma_percent, sigma_coverage.two_sigma_percent)
-        };
-        errors.add_row(
-            [
-                name(row),
-                format!("{:.0}", row.minutes),
-                format!("{:.0}", row.retained_samples_median),
-                format!("{:.3}", row.solves.rms_median_deg),
-                format!("{:.3}", row.rms_worst_decile_deg),
-                format!("{:.1}", row.solves.converged_percent),
-                format!("{:.1}", row.solves.accepted_percent),
-                format!("{}", row.solves.wrong_calibrations),
-            ]
-            .map(right_aligned),
-        );
-        ratios.add_row(
-            [
-                name(row),
-                format!("{:.3}", row.solver_loss_median),
-                format!("{:.3}", row.best_bound_median_deg),
-                format!("{:.3}", row.error_to_best_bound_median),
-                format!("{:.3}", row.error_to_best_bound_worst_decile),
-                within(row.coverage),
-                within(row.coverage_with_faults),
-            ]
-            .map(right_aligned),
-        );
-    }
+    let errors = table_of(
+        rows,
+        &[
+            ("flight", name),
+            ("minutes", |row| format!("{:.0}", row.minutes)),
+            ("readings", |row| format!("{:.0}", row.retained_samples_median)),
+            ("rms", |row| format!("{:.3}", row.solves.rms_median_deg)),
+            ("worst\n10 %", |row| format!("{:.3}", row.rms_worst_decile_deg)),
+            ("solved,\n%", |row| format!("{:.1}", row.solves.converged_percent)),
+            ("accepted,\n%", |row| format!("{:.1}", row.solves.accepted_percent)),
+            ("wrong", |row| row.solves.wrong_calibrations.to_string()),
+        ],
+    );
+    let ratios = table_of(
+        rows,
+        &[
+            ("flight", name),
+            ("rms/\nkept", |row| format!("{:.3}", row.solver_loss_median)),
+            ("best", |row| format!("{:.3}", row.best_bound_median_deg)),
+            ("rms/\nbest", |row| format!("{:.3}", row.error_to_best_bound_median)),
+            ("worst\n10 %", |row| format!("{:.3}", row.error_to_best_bound_worst_decile)),
+            ("1/2\nsigma, %", |row| within(row.coverage)),
+            ("with\nfaults, %", |row| within(row.coverage_with_faults)),
+        ],
+    );
     format!(
         "{airframes} airframes, {draws} draws of the noise of each; degrees, medians over the airframes\n{errors}\n{ratios}\n\
          worst 10 %: what a tenth of the airframes exceeds\n\
          kept: the bound of the readings that were kept\n\
          best: the bound of as many, the best of the flight, chosen afterwards (greedy,\n  D-optimal)\n"
     )
+}
+
+fn within(coverage: SigmaCoverage) -> String {
+    format!("{:.1}/{:.1}", coverage.one_sigma_percent, coverage.two_sigma_percent)
 }

@@ -11,7 +11,7 @@ use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde_json::json;
 
 use host_sim::command_failure::CommandFailure;
-use host_sim::print::{self, narrow_table, right_aligned};
+use host_sim::print::{self, table_of};
 
 /// Attitude and heading from recorded gyro, accelerometer and magnetometer, against optical truth.
 ///
@@ -32,34 +32,30 @@ pub struct ImuOptions {
 
 pub fn run_imu(options: &ImuOptions) -> Result<ExitCode, CommandFailure> {
     let scores: Vec<TrialScore> = options.files.par_iter().map(score_file).collect::<Result<_, _>>()?;
-    let names = options.files.iter().map(|file| file.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    let name = |file: &PathBuf| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let trials: Vec<(String, TrialScore)> = options.files.iter().map(name).zip(scores).collect();
+    let mean_inclination_deg = trials.iter().map(|(_, score)| score.inclination_deg).sum::<f64>() / trials.len() as f64;
     if options.json {
-        let trials: Vec<_> = names.zip(&scores).map(|(name, score)| json!({ "trial": name, "score": score })).collect();
-        print::print_json(json!({ "trials": trials, "mean_inclination_deg": mean_inclination_deg(&scores) }))?;
+        let trials: Vec<_> = trials.iter().map(|(name, score)| json!({ "trial": name, "score": score })).collect();
+        print::print_json(json!({ "trials": trials, "mean_inclination_deg": mean_inclination_deg }))?;
         return Ok(ExitCode::SUCCESS);
     }
-    let mut table = narrow_table([
-        "trial",
-        "total,\ndeg",
-        "heading,\ndeg",
-        "with\nheading, %",
-        "inclination,\ndeg",
-        "1/2\nsigma, %",
-    ]);
-    for (name, score) in names.zip(&scores) {
-        let [one, two] = score.tilt_within_percent;
-        let cells = [
-            name.chars().take(30).collect(),
-            format_optional(score.total_deg, 2),
-            format_optional(score.heading_deg, 2),
-            format!("{:.0}", score.heading_percent),
-            format!("{:.2}", score.inclination_deg),
-            format!("{one:.0}/{two:.0}"),
-        ];
-        table.add_row(cells.map(right_aligned));
-    }
+    let table = table_of(
+        &trials,
+        &[
+            ("trial", |(name, _)| name.chars().take(30).collect()),
+            ("total,\ndeg", |(_, score)| format_optional(score.total_deg, 2)),
+            ("heading,\ndeg", |(_, score)| format_optional(score.heading_deg, 2)),
+            ("with\nheading, %", |(_, score)| format!("{:.0}", score.heading_percent)),
+            ("inclination,\ndeg", |(_, score)| format!("{:.2}", score.inclination_deg)),
+            ("1/2\nsigma, %", |(_, score)| {
+                let [one, two] = score.tilt_within_percent;
+                format!("{one:.0}/{two:.0}")
+            }),
+        ],
+    );
     print::print_line(table);
-    print::print_line(format_args!("inclination: {:.3} deg, mean of the trials", mean_inclination_deg(&scores)));
+    print::print_line(format_args!("inclination: {mean_inclination_deg:.3} deg, mean of the trials"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -68,8 +64,4 @@ fn score_file(file: &PathBuf) -> Result<TrialScore, CommandFailure> {
     let text = fs::read_to_string(file).map_err(|error| failed("file-unreadable", error.to_string()))?;
     let rows = imu::read_trial(&text).map_err(|error| failed("no-trial", error))?;
     imu::score_trial(&rows).ok_or_else(|| failed("no-trial", "no row is scored".to_owned()))
-}
-
-fn mean_inclination_deg(scores: &[TrialScore]) -> f64 {
-    scores.iter().map(|score| score.inclination_deg).sum::<f64>() / scores.len() as f64
 }

@@ -13,8 +13,9 @@ use comfy_table::Table;
 use simulator::world::aircraft::VehicleKind;
 
 use host_sim::command_failure::CommandFailure;
-use host_sim::option_parsers::{AIRCRAFT_NAMES, integer_in_range, named_value};
-use host_sim::print::{self, narrow_table, progress_bar, right_aligned, wrapped_table};
+use host_sim::option_parsers::{STUDIED_AIRCRAFT, integer_in_range, named_value, value_named_by};
+use host_sim::print::{self, narrow_table, progress_bar, right_aligned, table_of, wrapped_table};
+use log_analysis::numbers::format_optional;
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
 
@@ -32,7 +33,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 #[command(after_help = "Example: lab bench integrity --case moved-5 --flights 3")]
 pub struct IntegrityOptions {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = named_value(AIRCRAFT_NAMES))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = value_named_by(STUDIED_AIRCRAFT, VehicleKind::vehicle_name))]
     aircraft: VehicleKind,
     /// Flights of each case, 1 to 100000; the ten-hour case is flown once
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer_in_range(1_u64, 100_000))]
@@ -155,40 +156,36 @@ fn print_cases(applies: &dyn Fn(&FaultCase) -> bool) {
 
 /// Formats a table of calibrations and one of headings, since one would be too wide for a terminal.
 fn format_tables(rows: &[IntegrityRow]) -> [Table; 2] {
-    let mut calibrations =
-        narrow_table(["case", "flights", "accepted,\n%", "wrong,\n%", "true/\nexpected", "iron,\n%", "alarms\nper h"]);
-    let mut headings =
-        narrow_table(["case", "bad,\n%", "long-\nest, s", "worst", "smooth\n%", "rms", "1/2/3\nsigma, %", "empty,\n%"]);
-    for row in rows {
-        let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), |ratio| format!("{ratio:.1}"));
-        calibrations.add_row(
-            [
-                row.case.to_owned(),
-                row.flights.to_string(),
-                format!("{:.0}", row.accepted_percent),
-                format!("{:.0}", row.wrong_percent),
-                format!("{}, {}", ratio(row.error_ratio_median), ratio(row.error_ratio_largest)),
-                row.hard_iron_error_median_percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0}")),
-                format!("{:.1}", row.alarms_per_hour),
-            ]
-            .map(right_aligned),
-        );
-        headings.add_row(
-            [
-                row.case.to_owned(),
-                format!("{:.2}", row.bad_percent),
-                format!("{:.1}", row.longest_bad_s),
-                format!("{:.1}", row.worst_deg),
-                format!("{:.0}", row.smooth_percent),
-                format!("{:.2}", row.rms_deg),
-                format!(
-                    "{:.0}/{:.0}/{:.1}",
-                    row.within_one_sigma_percent, row.within_two_sigma_percent, row.within_three_sigma_percent
-                ),
-                format!("{:.2}", row.empty_percent),
-            ]
-            .map(right_aligned),
-        );
-    }
+    let calibrations = table_of(
+        rows,
+        &[
+            ("case", |row| row.case.to_owned()),
+            ("flights", |row| row.flights.to_string()),
+            ("accepted,\n%", |row| format!("{:.0}", row.accepted_percent)),
+            ("wrong,\n%", |row| format!("{:.0}", row.wrong_percent)),
+            ("true/\nexpected", |row| {
+                let [median, largest] = [row.error_ratio_median, row.error_ratio_largest];
+                format!("{}, {}", format_optional(median, 1), format_optional(largest, 1))
+            }),
+            ("iron,\n%", |row| format_optional(row.hard_iron_error_median_percent, 0)),
+            ("alarms\nper h", |row| format!("{:.1}", row.alarms_per_hour)),
+        ],
+    );
+    let headings = table_of(
+        rows,
+        &[
+            ("case", |row| row.case.to_owned()),
+            ("bad,\n%", |row| format!("{:.2}", row.bad_percent)),
+            ("long-\nest, s", |row| format!("{:.1}", row.longest_bad_s)),
+            ("worst", |row| format!("{:.1}", row.worst_deg)),
+            ("smooth\n%", |row| format!("{:.0}", row.smooth_percent)),
+            ("rms", |row| format!("{:.2}", row.rms_deg)),
+            ("1/2/3\nsigma, %", |row| {
+                let [one, two] = [row.within_one_sigma_percent, row.within_two_sigma_percent];
+                format!("{one:.0}/{two:.0}/{:.1}", row.within_three_sigma_percent)
+            }),
+            ("empty,\n%", |row| format!("{:.2}", row.empty_percent)),
+        ],
+    );
     [calibrations, headings]
 }

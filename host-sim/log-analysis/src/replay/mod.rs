@@ -7,7 +7,6 @@ pub mod compass_agreement;
 mod data_loss;
 pub mod evaluation;
 pub mod field_latency;
-mod fit_residuals;
 pub mod flown_headings;
 mod frozen_field;
 pub mod gps_course;

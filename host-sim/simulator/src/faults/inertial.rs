@@ -67,21 +67,3 @@ impl InertialFault for SilentChip {
         self.0.is_on(at_us)
     }
 }
-
-/// A bit of a register flips once.
-pub struct InertialUpset {
-    /// Active from the upset on.
-    pub fault_switch: FaultSwitch,
-    /// Register and bit.
-    pub register_bit: (u8, u8),
-    /// Whether it has occurred.
-    pub has_occurred: bool,
-}
-
-impl InertialFault for InertialUpset {
-    fn register_upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
-        let occurs = self.fault_switch.is_on(at_us) && !self.has_occurred;
-        self.has_occurred |= occurs;
-        occurs.then_some(self.register_bit)
-    }
-}

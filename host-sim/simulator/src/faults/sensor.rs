@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use testkit::clock;
 
 use crate::devices::i2c::{SharedI2cDevice, SimulatedI2cDevice};
+use crate::devices::lsm6dsl::InertialFault;
 use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
 
@@ -157,14 +158,12 @@ pub fn axis_clipping(switch: FaultSwitch, axis: usize, limit_counts: i16) -> imp
     }
 }
 
-/// Single-event upset of register bits.
+/// Single-event upset of register bits of a magnetometer or an inertial sensor.
 pub struct RegisterUpset {
     /// Time in which the fault is active; the upset occurs at its start.
     pub fault_switch: FaultSwitch,
-    /// Address of the register.
-    pub register: u8,
-    /// Mask of the bits that flip.
-    pub bit_mask: u8,
+    /// Address of the register, and mask of the bits that flip.
+    pub register_bits: (u8, u8),
     /// Whether the upset has occurred.
     pub has_occurred: bool,
 }
@@ -173,6 +172,12 @@ impl SensorFault for RegisterUpset {
     fn register_upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
         let occurs_now = self.fault_switch.is_on(at_us) && !self.has_occurred;
         self.has_occurred |= occurs_now;
-        occurs_now.then_some((self.register, self.bit_mask))
+        occurs_now.then_some(self.register_bits)
+    }
+}
+
+impl InertialFault for RegisterUpset {
+    fn register_upset(&mut self, at_us: u64) -> Option<(u8, u8)> {
+        SensorFault::register_upset(self, at_us)
     }
 }

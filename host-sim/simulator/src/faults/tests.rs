@@ -119,12 +119,12 @@ fn a_sensor_fault_changes_output_registers_only() {
 #[test]
 fn an_upset_flips_the_bits_of_a_register_once() {
     let upset =
-        RegisterUpset { fault_switch: FaultSwitch::always_on(), register: 0x21, bit_mask: 0x60, has_occurred: false };
+        RegisterUpset { fault_switch: FaultSwitch::always_on(), register_bits: (0x21, 0x60), has_occurred: false };
     let (bytes, chip) = read_faulty_chip(upset, 0xA0, 5);
     assert_eq!(bytes, [0x20, 0x41, 0x22, 0x23, 0x24]);
     assert_eq!(chip.borrow().registers[0x21], 0x41);
     let mut upset =
-        RegisterUpset { fault_switch: switch_on_from_1_to_3_s(), register: 0x21, bit_mask: 0x60, has_occurred: false };
+        RegisterUpset { fault_switch: switch_on_from_1_to_3_s(), register_bits: (0x21, 0x60), has_occurred: false };
     assert_eq!(upset.register_upset(BEFORE_ONSET_US), None);
     assert_eq!(
         (upset.register_upset(WHILE_ACTIVE_US), upset.register_upset(WHILE_ACTIVE_US)),

@@ -12,7 +12,6 @@ use std::process::ExitCode;
 
 use crate::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use clap::Args;
-use clap::builder::PossibleValuesParser;
 use serde_json::{Value, json};
 use simulator::devices::sensor::SensorModel;
 use simulator::mission_report::airframe_json;
@@ -26,7 +25,7 @@ use serve_loop::{Connections, FlashWriter, PilotCommandInput};
 
 use host_sim::command_failure::CommandFailure;
 use host_sim::file_options::named_world;
-use host_sim::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use host_sim::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range, value_named_by};
 use host_sim::print;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
@@ -57,15 +56,15 @@ pub struct ServeCommandOptions {
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft [default: plane, or that of the airframe file]
-    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(VehicleKind::ALL_VEHICLES.map(VehicleKind::vehicle_name)))]
-    aircraft: Option<String>,
+    #[arg(long, value_name = "KIND", value_parser = value_named_by(&VehicleKind::ALL_VEHICLES, VehicleKind::vehicle_name))]
+    aircraft: Option<VehicleKind>,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
     #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
     sensor: SensorModel,
     /// Pattern that is flown without orders
     #[arg(long, default_value = PilotPattern::default().pattern_name(), value_name = "NAME",
-        value_parser = PossibleValuesParser::new(PilotPattern::ALL_PATTERNS.map(PilotPattern::pattern_name)))]
-    pattern: String,
+        value_parser = value_named_by(&PilotPattern::ALL_PATTERNS, PilotPattern::pattern_name))]
+    pattern: PilotPattern,
     /// Store the module's flash in this file, so that a calibration survives the program
     #[arg(long, value_name = "FILE")]
     flash: Option<PathBuf>,
@@ -139,20 +138,15 @@ fn after_help() -> String {
 impl ServeCommandOptions {
     fn world_config(&self) -> Result<WorldConfig, CommandFailure> {
         let world = WorldConfig { sensor: self.sensor, ..named_world(&self.airframe, self.seed)? };
-        Ok(self
-            .aircraft
-            .as_deref()
-            .and_then(VehicleKind::from_name)
-            .map_or(world, |vehicle_kind| world.with_vehicle_kind(vehicle_kind)))
+        Ok(self.aircraft.map_or(world, |vehicle_kind| world.with_vehicle_kind(vehicle_kind)))
     }
 
     fn build_module(&self) -> Result<(ServedModule, FlashWriter), CommandFailure> {
-        let pattern = PilotPattern::from_name(&self.pattern).unwrap_or_default();
         let (mut flash_writer, image) = FlashWriter::open_file(self.flash.as_deref())?;
         let served_module = ServedModule::new(
             self.world_config()?,
             serve::ServeOptions {
-                flight_pattern: pattern,
+                flight_pattern: self.pattern,
                 attitude: self.attitude,
                 has_external_simulator: self.world.is_some(),
                 has_can: self.can.is_some(),
@@ -283,7 +277,7 @@ fn print_ports(
         }
         None => print::print_line(format_args!(
             "the aircraft flies: {}. Order it to do something else: help lists how",
-            options.pattern
+            options.pattern.pattern_name()
         )),
     }
     if options.airframe == "random" {

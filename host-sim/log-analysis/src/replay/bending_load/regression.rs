@@ -1,11 +1,13 @@
 //! Regression of the residual field on a load, with the fit, the attitude's offsets and a drift as further unknowns.
+//!
+//! The residuals need no heading: with constant iron the corrected fields `h = W (m - b)` have one strength `F` and one
+//! vertical component `F sin I`.
 
 use autoswing::frames::Field;
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector3};
 
 use crate::log::FieldCorrection;
 use crate::numbers::{median, square};
-use crate::replay::fit_residuals::{FIT_UNKNOWNS, residual_derivatives, residual_directions};
 use crate::replay::parameter_fit::half_index_at;
 use crate::replay::row::ReplayRow;
 
@@ -329,4 +331,29 @@ fn attitude_derivatives(row: &ReplayRow, field: Vector3<f64>) -> [f64; 4] {
     let rates = row.rates_rad_s.map_or_else(Vector3::zeros, |rates| Vector3::from(rates).map(f64::from));
     let by_time = row.down_in_body().cross(&rates).dot(&field);
     [by_roll, by_pitch, by_roll * f64::from(row.attitude.roll_rad), by_time]
+}
+
+/// Number of unknowns of a fit: `W`, `b`, strength, vertical component.
+const FIT_UNKNOWNS: usize = 14;
+
+/// Directions in which a change of the corrected field changes the two residuals: along the field, and down.
+fn residual_directions(field: Vector3<f64>, down: Vector3<f64>) -> [Vector3<f64>; 2] {
+    [field.normalize(), down]
+}
+
+/// Derivatives of both residuals by the unknowns, at a raw field without hard iron.
+fn residual_derivatives(matrix: &Matrix3<f64>, raw: Vector3<f64>, down: Vector3<f64>) -> [DVector<f64>; 2] {
+    let directions = residual_directions(matrix * raw, down);
+    [0, 1].map(|residual_index| {
+        let direction = directions[residual_index];
+        let mut derivatives = DVector::zeros(FIT_UNKNOWNS);
+        for i in 0..3 {
+            for column_index in 0..3 {
+                derivatives[3 * i + column_index] = direction[i] * raw[column_index];
+            }
+        }
+        derivatives.rows_mut(9, 3).copy_from(&-(matrix.transpose() * direction));
+        derivatives[12 + residual_index] = -1.0;
+        derivatives
+    })
 }

@@ -123,6 +123,15 @@ enum Direction {
     Earlier,
 }
 
+impl Direction {
+    const fn sign(self) -> f64 {
+        match self {
+            Self::Later => 1.0,
+            Self::Earlier => -1.0,
+        }
+    }
+}
+
 /// A jump at a row: the step of the corrected field, body axes, microtesla.
 #[derive(Clone, Copy)]
 struct Jump {
@@ -133,10 +142,7 @@ struct Jump {
 impl Jump {
     /// Shift that removes the jump from the fields beyond it.
     fn shift_ut(&self, direction: Direction) -> Vector3<f64> {
-        match direction {
-            Direction::Later => -self.step_ut,
-            Direction::Earlier => self.step_ut,
-        }
+        self.step_ut * -direction.sign()
     }
 }
 
@@ -177,9 +183,7 @@ impl<'a> JumpSearch<'a> {
     /// Whether the autopilot's own correction removes most of a jump of the raw field, such as interference by a
     /// current that the log need not contain.
     fn is_compensated(&self, row_index: usize, raw_step_ut: &Vector3<f64>) -> bool {
-        let Some((before, after)) = self.window_before(row_index).zip(self.window_after(row_index)) else {
-            return false;
-        };
+        let Some([before, after]) = self.windows(row_index) else { return false };
         let corrections_ut = |window: std::ops::Range<usize>| {
             let corrections =
                 self.rows[window].iter().map(|row| (row.logged_field.ut - row.raw_field.ut).map(f64::from));
@@ -192,39 +196,35 @@ impl<'a> JumpSearch<'a> {
 
     fn update_differences(&mut self) {
         for row_index in 0..self.rows.len() {
-            let (before, after) = (self.window_before(row_index), self.window_after(row_index));
-            self.differences[row_index] = before
-                .zip(after)
-                .map(|(before, after)| self.median_level_field_ut(after) - self.median_level_field_ut(before));
+            self.differences[row_index] = self
+                .windows(row_index)
+                .map(|[before, after]| self.median_level_field_ut(after) - self.median_level_field_ut(before));
         }
     }
 
-    /// Rows within `WINDOW_S` from a row on; none if rows or rates are missing in it.
-    fn window_after(&self, row_index: usize) -> Option<std::ops::Range<usize>> {
-        let end_s = self.rows[row_index].t_s + WINDOW_S;
-        let mut last = row_index;
-        while self.rows[last].t_s < end_s {
-            let next = self.rows.get(last + 1)?;
-            if next.rates_rad_s.is_none() || next.t_s - self.rows[last].t_s > MAX_ROW_INTERVAL_S {
+    /// Window from a row in one direction; `None` if it has a gap, a row without rates, or too few rows.
+    fn window(&self, row_index: usize, direction: Direction) -> Option<std::ops::Range<usize>> {
+        let sign = direction.sign();
+        let limit_s = self.rows[row_index].t_s + sign * WINDOW_S;
+        let mut end = row_index;
+        while sign * self.rows[end].t_s < sign * limit_s {
+            let next = match direction {
+                Direction::Later => end + 1,
+                Direction::Earlier => end.checked_sub(1)?,
+            };
+            let row = self.rows.get(next)?;
+            if row.rates_rad_s.is_none() || (row.t_s - self.rows[end].t_s).abs() > MAX_ROW_INTERVAL_S {
                 return None;
             }
-            last += 1;
+            end = next;
         }
-        (last - row_index >= MIN_WINDOW_ROWS).then_some(row_index..last)
+        let window = row_index.min(end)..row_index.max(end);
+        (window.len() >= MIN_WINDOW_ROWS).then_some(window)
     }
 
-    /// Rows within `WINDOW_S` before a row; none if rows or rates are missing in it.
-    fn window_before(&self, row_index: usize) -> Option<std::ops::Range<usize>> {
-        let start_s = self.rows[row_index].t_s - WINDOW_S;
-        let mut first = row_index;
-        while self.rows[first].t_s > start_s {
-            let previous = self.rows[first.checked_sub(1)?];
-            if previous.rates_rad_s.is_none() || self.rows[first].t_s - previous.t_s > MAX_ROW_INTERVAL_S {
-                return None;
-            }
-            first -= 1;
-        }
-        (row_index - first >= MIN_WINDOW_ROWS).then_some(first..row_index)
+    /// Windows before and after a row.
+    fn windows(&self, row_index: usize) -> Option<[std::ops::Range<usize>; 2]> {
+        Some([self.window(row_index, Direction::Earlier)?, self.window(row_index, Direction::Later)?])
     }
 
     /// Median of each component of the fields of some rows, level frame, microtesla.
@@ -248,8 +248,8 @@ impl<'a> JumpSearch<'a> {
         let least_ut = MIN_JUMP_UT.max(MIN_QUANTILE_RATIO * reference_ut);
         let excess = |row_index: usize| {
             let size_ut = self.differences[row_index]?.norm();
-            let rotation_sum_rad = self.rotation_sum_rad[self.window_after(row_index)?.end]
-                - self.rotation_sum_rad[self.window_before(row_index)?.start];
+            let [before, after] = self.windows(row_index)?;
+            let rotation_sum_rad = self.rotation_sum_rad[after.end] - self.rotation_sum_rad[before.start];
             let limit_ut = least_ut.max(MAX_TURN_ERROR_PER_RADIAN * rotation_sum_rad * self.fields[row_index].norm());
             (size_ut > limit_ut).then_some(size_ut)
         };
@@ -282,11 +282,7 @@ impl<'a> JumpSearch<'a> {
             if direction == Direction::Earlier {
                 jumps.reverse();
             }
-            let is_beyond = |jump: &Jump| match direction {
-                Direction::Later => self.rows[jump.row_index].t_s > beyond_s,
-                Direction::Earlier => self.rows[jump.row_index].t_s < beyond_s,
-            };
-            jumps.retain(is_beyond);
+            jumps.retain(|jump| direction.sign() * self.rows[jump.row_index].t_s > direction.sign() * beyond_s);
             let Some(&jump) = jumps.first() else { break };
             beyond_s = self.rows[jump.row_index].t_s;
             let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.row_index].t_s - beyond_s).abs());
@@ -298,10 +294,7 @@ impl<'a> JumpSearch<'a> {
                 found.push(jump);
             }
         }
-        let end_s = match direction {
-            Direction::Later => f64::INFINITY,
-            Direction::Earlier => f64::NEG_INFINITY,
-        };
+        let end_s = direction.sign() * f64::INFINITY;
         let time_s = |i: usize| found.get(i).map_or(end_s, |jump: &Jump| self.rows[jump.row_index].t_s);
         let is_explained = |i: usize| {
             let (one_s, other_s) = (time_s(i), time_s(i + 1));

@@ -14,10 +14,10 @@ use autoswing::calibration::Calibration;
 use nalgebra::{Matrix3, SVD, Vector3};
 
 use self::orientation::{ExportedOrientation, FixedOrientation, OrientationKind, OrientationParameters, TurnedSensor};
-use self::symmetric_fit::{SymmetricFit, heading_deg};
+use self::symmetric_fit::SymmetricFit;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::score::wrap_180;
 
 /// Largest heading difference to the full solution with which the simplest orientation is kept, degrees RMS with its
@@ -167,7 +167,10 @@ fn heading_loss_deg_of(
         .iter()
         .zip(rotated_rows)
         .filter(|(row, _)| row.is_usable)
-        .map(|(row, rotated_row)| wrap_180(heading_deg(rotated_row, exported) - heading_deg(row, full_correction)))
+        .map(|(row, rotated_row)| {
+            let exported_deg = heading_deg(rotated_row, rotated_row.corrected_field(exported));
+            wrap_180(exported_deg - heading_deg(row, row.corrected_field(full_correction)))
+        })
         .collect();
     let row_count = differences.len().max(1) as f64;
     let mean = differences.iter().sum::<f64>() / row_count;

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::log::{FieldCorrection, symmetric_matrix};
 use crate::numbers::square;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, heading_deg};
 use crate::score::wrap_180;
 
 const MAX_GAUSS_NEWTON_STEPS: usize = 20;
@@ -64,7 +64,8 @@ impl SymmetricFit<'_> {
         let residuals = |p: &DVector<f64>| {
             let correction = built(p);
             let residual = |fitted: &FittedRow| {
-                wrap_180(heading_deg(&fitted.row, &correction) - fitted.heading_deg) * fitted.root_weight
+                wrap_180(heading_deg(&fitted.row, fitted.row.corrected_field(&correction)) - fitted.heading_deg)
+                    * fitted.root_weight
             };
             DVector::from_iterator(fitted.len(), fitted.iter().map(residual))
         };
@@ -120,7 +121,7 @@ impl SymmetricFit<'_> {
             .step_by(row_stride)
             .map(|(row, rotated_row)| FittedRow {
                 row: *rotated_row,
-                heading_deg: heading_deg(row, &self.full_correction),
+                heading_deg: heading_deg(row, row.corrected_field(&self.full_correction)),
                 root_weight: 1.0,
             })
             .collect();
@@ -166,12 +167,6 @@ impl SymmetricFit<'_> {
         }
         rows
     }
-}
-
-/// Heading of a row with a correction, degrees.
-pub fn heading_deg(row: &ReplayRow, correction: &FieldCorrection) -> f64 {
-    let corrected = row.corrected_field(correction).map(|axis| axis as f32);
-    f64::from(row.attitude.to_level_frame(Field::new(corrected)).heading_rad().to_degrees())
 }
 
 /// Offsets, diagonal, and elements xy, xz and yz.

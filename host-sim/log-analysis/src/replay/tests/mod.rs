@@ -1,15 +1,12 @@
 //! Tests of the evaluation: each changes one property of a flown flight.
 
-mod data_loss;
-mod evaluated_compasses;
-mod frozen_field;
 mod parameter_export;
-mod prior_inclination;
 mod verdict;
 
 use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
+use autoswing::earth::{Date, EarthField, Position};
 use autoswing::frames::{Field, Level, RollPitch, Sensor};
 use autoswing_module::messages::Refusal;
 
@@ -19,9 +16,13 @@ use super::parameter_export::orientation::ExportedOrientation;
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
+use crate::log::time_series::Series;
 use crate::log::{self, FieldCorrection, LoggedFlight};
 use crate::numbers;
-use crate::test_flight::record_turns;
+use crate::replay::data_loss;
+use crate::replay::evaluation::CorrectionSource;
+use crate::replay::sensor_failure::sensor_failure;
+use crate::test_flight::{flight_of_motion, record_turns};
 
 /// A calibrating flight of turns without field latency, with wrong offsets in the autopilot, and its evaluation.
 pub(crate) static FLOWN_TURNS: LazyLock<(LoggedFlight, FlightEvaluation)> = LazyLock::new(|| {
@@ -94,5 +95,197 @@ pub(super) fn export_of(correction: FieldCorrection) -> ExportedCorrection {
         held_back_score: None,
         rms_by_terms_deg: None,
         warnings: Vec::new(),
+    }
+}
+
+/// 100 s of measured rates at 10 Hz, of which one in `loss_stride` is lost, with an attitude at a rate in Hz.
+fn flight_with_lost_rates(loss_stride: usize, attitude_rate_hz: f64) -> LoggedFlight {
+    let still = |_| ([0.0; 3], [0.0; 3]);
+    let mut rates = Series::new();
+    for (_, row) in
+        flight_of_motion(10.0, 1000, still).body_rates.rows().iter().enumerate().filter(|(i, _)| i % loss_stride != 1)
+    {
+        rates.push_row(row.t_s, row.row_values);
+    }
+    let whole = flight_of_motion(attitude_rate_hz, (100.0 * attitude_rate_hz) as u16, still);
+    LoggedFlight { body_rates: rates, has_measured_rates: true, ..whole }
+}
+
+/// Rates are differences of the attitude if they are not measured. Of a slow attitude, and of a tenth of lost rates,
+/// headings cannot be integrated; a fiftieth is harmless.
+#[test]
+fn a_heading_is_integrated_only_from_measured_and_complete_rates_with_a_fast_attitude() {
+    for (has_measured_rates, attitude_rate_hz, loss_stride, is_integrable) in
+        [(true, 5.0, 50, true), (false, 5.0, 50, false), (true, 2.0, 50, false), (true, 5.0, 10, false)]
+    {
+        let mut flight = flight_with_lost_rates(loss_stride, attitude_rate_hz);
+        flight.has_measured_rates = has_measured_rates;
+        assert_eq!(
+            data_loss::has_integrable_rates(&flight),
+            is_integrable,
+            "{attitude_rate_hz} Hz, 1 in {loss_stride}"
+        );
+        let lost = data_loss::excessive_rate_loss(&flight);
+        assert_eq!(lost.is_some(), has_measured_rates && loss_stride == 10, "{lost:?}");
+        assert!(lost.is_none_or(|lost| (lost - 0.11).abs() < 0.01), "100 gaps in 900 rows: {lost:?}");
+    }
+}
+
+#[test]
+fn attitude_is_not_interpolated_over_two_lost_reports() {
+    for (rate_hz, gap_s) in [(25.0, 0.25), (5.0, 0.5), (2.0, 0.7)] {
+        let flight = flight_of_motion(rate_hz, 100, |_| ([0.0; 3], [0.0; 3]));
+        assert!((data_loss::attitude_gap_limit_s(&flight, 0.7) - gap_s).abs() < 1e-9, "{rate_hz} Hz");
+    }
+}
+
+/// Turns with a motor current of 10 to 30 A that interferes by 0.36 uT/A, and a second compass like the first.
+fn flight_with_current() -> LoggedFlight {
+    let mut recording = record_turns(0.0);
+    for (i, sample) in recording.samples.iter_mut().enumerate() {
+        sample.current_a = 20.0 + 10.0 * libm::sin(i as f64 / 70.0);
+        sample.field_ut[0][0] += 0.3 * sample.current_a;
+        sample.field_ut[0][1] -= 0.2 * sample.current_a;
+        sample.field_ut = vec![sample.field_ut[0]; 2];
+    }
+    log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap()
+}
+
+#[test]
+fn a_chosen_compass_is_evaluated_in_the_time_window() {
+    let options = EvaluationOptions {
+        compared_module: Some(RowSelection::All),
+        compass_number: Some(2),
+        time_window_s: [20.0, 220.0],
+        field_latency_s: Some(0.0),
+        ..EvaluationOptions::DEFAULT
+    };
+    let evaluation = evaluate_flight(&flight_with_current(), &options);
+    let [compass] = &evaluation.compasses[..] else { panic!("{} compasses", evaluation.compasses.len()) };
+    assert_eq!(compass.compass_number, 2);
+    let (used, unused): (Vec<&ReplayRow>, Vec<&ReplayRow>) = compass.rows.iter().partition(|row| row.is_usable);
+    assert!(used.iter().all(|row| (20.0..=220.0).contains(&row.t_s)));
+    assert!(unused.iter().all(|row| !(20.0..=220.0).contains(&row.t_s)));
+    assert_eq!((compass.row_counts.used, compass.row_counts.excluded), (used.len(), unused.len()));
+    // 200 s at 10 Hz; the record lasts from 2 s to 240 s.
+    assert!(used.len().abs_diff(2000) <= 2 && unused.len().abs_diff(380) <= 3, "{:?}", compass.row_counts);
+}
+
+/// Hard iron of 9.6 uT and 6 uT forward and 4 uT to the left by the mean current bend headings by 21 deg RMS at 31 uT
+/// horizontal; the variation of the current by 2.5 uT RMS bends them by 3 deg.
+#[test]
+fn corrections_are_scored_against_the_reference() {
+    let options = EvaluationOptions {
+        compared_module: Some(RowSelection::All),
+        compass_number: Some(1),
+        field_latency_s: Some(0.0),
+        ..EvaluationOptions::DEFAULT
+    };
+    let evaluation = evaluate_flight(&flight_with_current(), &options);
+    let compass = &evaluation.compasses[0];
+    let rms_deg = |source| compass.score_by(source).unwrap().rms_deg;
+    assert!(
+        (19.0..23.0).contains(&rms_deg(CorrectionSource::Uncorrected)),
+        "{}",
+        rms_deg(CorrectionSource::Uncorrected)
+    );
+    // Noise of the attitude and of the field.
+    assert!(rms_deg(CorrectionSource::Module) < 1.0, "{}", rms_deg(CorrectionSource::Module));
+    assert!(rms_deg(CorrectionSource::Sphere) > rms_deg(CorrectionSource::Module));
+}
+
+#[test]
+fn the_longest_frozen_field_is_reported() {
+    for spans in [[(20, 32), (60, 90)], [(20, 50), (60, 72)]] {
+        let (flight, mut compass) = compass_of_flown_turns();
+        for (from_s, to_s) in spans {
+            for (i, row) in compass.rows.iter_mut().enumerate() {
+                if (from_s * 10..=to_s * 10).contains(&i) {
+                    row.raw_field = Field::from_ut(20.0, 0.0, 40.0);
+                    row.attitude = RollPitch::from_deg(if i % 2 == 0 { 10.0 } else { -10.0 }, 0.0);
+                }
+            }
+        }
+        let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
+        let note = sensor_failure(&flight, &compass).unwrap().to_string();
+        let [from_s, to_s] = [from_s, to_s].map(|time_s| compass.rows[time_s * 10].t_s.round());
+        assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
+    }
+}
+
+/// Gaps up to 10 s occur with slow cards.
+#[test]
+fn a_field_ending_over_10_s_before_the_log_is_reported() {
+    for (early_s, is_reported) in [(5.0, false), (15.0, true)] {
+        let (mut flight, compass) = compass_of_flown_turns();
+        let end_s = flight.attitude.rows().last().unwrap().t_s;
+        let mut field = Series::new();
+        for reading in flight.compasses[0].field.rows().iter().filter(|reading| reading.t_s <= end_s - early_s) {
+            field.push_row(reading.t_s, reading.row_values);
+        }
+        flight.compasses[0].field = field;
+        assert_eq!(sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
+    }
+}
+
+/// Inclination of the flown turns, degrees.
+fn flown_inclination_deg(compass: &CompassEvaluation) -> f64 {
+    f64::from(compass.parameter_fit.solution().unwrap().calibration.inclination_rad.to_degrees())
+}
+
+/// The prior has a standard deviation of 1 deg; samples contradict it beyond 4. A contradicted prior fails every trial
+/// solve.
+#[test]
+fn a_configured_inclination_is_used_by_the_solver_and_its_trial_solves() {
+    let (_, compass) = compass_of_flown_turns();
+    for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
+        for (off_deg, is_accepted) in [(-12.0, false), (-2.0, true), (0.0, true), (2.0, true), (12.0, false)] {
+            let inclination_deg = Some(flown_inclination_deg(&compass) + off_deg);
+            let options = ReplayOptions { inclination_deg, ..ReplayOptions::with_selection(selected) };
+            let result = replay_rows(&compass.rows, &options);
+            assert_eq!(result.acceptance.is_ok(), is_accepted, "{selected:?} {off_deg}");
+            let is_ended_by_module = selected == RowSelection::Flight && result.collection_end_s.is_some();
+            assert_eq!(is_ended_by_module, selected == RowSelection::Flight && is_accepted, "{selected:?} {off_deg}");
+        }
+    }
+}
+
+/// A place on the Greenwich meridian with a modelled inclination, within 0.5 deg.
+fn place_with_inclination(inclination_deg: f64) -> (Position, Date) {
+    let day = Date::from_unix_s(1_767_225_600).unwrap();
+    let is_there = |position: &Position| {
+        let field = EarthField::from_model(*position, day).unwrap();
+        (f64::from(field.inclination_deg) - inclination_deg).abs() < 0.5
+    };
+    let position =
+        (-160..160).filter_map(|half_deg: i16| Position::new(f32::from(half_deg) / 2.0, 0.0, 100.0)).find(is_there);
+    (position.unwrap(), day)
+}
+
+/// A modelled inclination is dropped if contradicted; a configured one is not, and takes precedence.
+#[test]
+fn a_contradicted_model_inclination_is_dropped() {
+    let (_, compass) = compass_of_flown_turns();
+    let found_deg = flown_inclination_deg(&compass);
+    for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
+        let without_place = ReplayOptions::with_selection(selected);
+        let run_replay = |options: ReplayOptions| replay_rows(&compass.rows, &options);
+        let expected_deg = |replay_result: &ReplayResult| replay_result.solution.unwrap().quality.expected_rms_deg;
+        let [there, elsewhere] = [0.0, 12.0].map(|off_deg| ReplayOptions {
+            place_and_day: Some(place_with_inclination(found_deg + off_deg)),
+            ..without_place
+        });
+        assert!(
+            expected_deg(&run_replay(there)) < expected_deg(&run_replay(without_place)),
+            "{selected:?}: it is one unknown less"
+        );
+        let (with, without) = (run_replay(elsewhere), run_replay(without_place));
+        assert_eq!(
+            (with.acceptance.clone(), with.collection_end_s, expected_deg(&with)),
+            (Ok(()), without.collection_end_s, expected_deg(&without)),
+            "{selected:?}"
+        );
+        let by_person = run_replay(ReplayOptions { inclination_deg: Some(found_deg + 12.0), ..there });
+        assert!(by_person.acceptance.is_err(), "{selected:?}");
     }
 }

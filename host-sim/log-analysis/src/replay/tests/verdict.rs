@@ -135,8 +135,8 @@ fn reports_contain_the_numbers_of_the_evaluation() {
 
     let table = verdict.rms_by_correction_deg();
     let rms_deg = |source| Some(compass.score_by(source).unwrap().rms_deg);
-    assert_eq!(table[0], ("uncorrected", vec![rms_deg(evaluation::CorrectionSource::Uncorrected)]));
-    assert!(table.contains(&("module", vec![rms_deg(evaluation::CorrectionSource::Module)])));
+    assert_eq!(table[0], ("uncorrected", vec![rms_deg(CorrectionSource::Uncorrected)]));
+    assert!(table.contains(&("module", vec![rms_deg(CorrectionSource::Module)])));
     assert_eq!(table.last(), Some(&("parameters to load", vec![Some(held_back_deg)])));
 
     let facts = verdict.key_facts(&verdict.compasses[0]);

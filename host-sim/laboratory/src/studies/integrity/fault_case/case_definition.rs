@@ -246,7 +246,7 @@ impl RandomCase {
         let switch = self.case_switch();
         self.add_sensor_fault(
             FaultOnset::SOON_AND_PERMANENT,
-            RegisterUpset { fault_switch: switch, register, bit_mask: bits, has_occurred: false },
+            RegisterUpset { fault_switch: switch, register_bits: (register, bits), has_occurred: false },
         );
     }
 

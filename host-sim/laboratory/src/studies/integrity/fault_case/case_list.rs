@@ -3,11 +3,9 @@
 use std::f64::consts::TAU;
 
 use simulator::faults::attitude::{attitude_spikes, rate_offset_ramp};
-use simulator::faults::inertial::{
-    InertialUpset, SilentChip, clipped_rates, inertial_vibration, stuck_gyro_axes, wrong_axes,
-};
+use simulator::faults::inertial::{SilentChip, clipped_rates, inertial_vibration, stuck_gyro_axes, wrong_axes};
 use simulator::faults::link_faults::ForgedMessage;
-use simulator::faults::sensor::{additional_noise, measurement_spikes};
+use simulator::faults::sensor::{RegisterUpset, additional_noise, measurement_spikes};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
@@ -140,7 +138,7 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("imu-upset", "a bit of the range of the module's own gyro flips", |flight| {
-        let fault = InertialUpset { fault_switch: flight.case_switch(), register_bit: (0x11, 3), has_occurred: false };
+        let fault = RegisterUpset { fault_switch: flight.case_switch(), register_bits: (0x11, 3), has_occurred: false };
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("imu-vibration", "vibration of the module of 5 deg/s and 1 g, aliased", |flight| {
