@@ -24,16 +24,17 @@
 //! };
 //!
 //! // A full circle of 60 samples in half a minute, at 25 deg of bank to the left or to the right.
-//! let circle = |bank_deg: f32, part: CollectionPart| {
+//! let circle = |bank_deg: f32, part: CollectionPart, start_ms: u32| {
 //!     (0..60)
 //!         .map(move |i| {
 //!             let attitude = RollPitch::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
-//!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
+//!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(start_ms + i * 500));
 //!             Sample { time, part, ..Sample::new(field, attitude) }
 //!         })
 //! };
-//! let turns: Vec<Sample> = circle(-25.0, CollectionPart::LEFT).chain(circle(25.0, CollectionPart::RIGHT)).collect();
+//! let (left, right) = (circle(-25.0, CollectionPart::LEFT, 0), circle(25.0, CollectionPart::RIGHT, 30_000));
+//! let turns: Vec<Sample> = left.chain(right).collect();
 //! let samples = Samples::new(&turns);
 //!
 //! let solution = solve_samples(Method::MaximumLikelihood, samples, &Prior::default())?;
@@ -54,7 +55,7 @@
 //!
 //! | room | content |
 //! |---|---|
-//! | `types/` | samples, method, coefficients, quality, errors; `time_order` merges the parts of a flight |
+//! | `types/` | samples, method, coefficients, quality, errors |
 //! | `linear_algebra/` | least squares in `f32` |
 //! | `closed_form/` | level, four ellipses, two planes, compass swing; starting points |
 //! | `model/` | unknowns, predicted field, residuals, noise, priors |
@@ -95,7 +96,7 @@ pub use types::{
     prior::Prior,
     quality::{AttitudeEnvelope, AttitudeLatency, Quality},
     rates::{AngleRates, MotorCurrent},
-    samples::{CollectionPart, HeadingMark, Sample, SamplePart, Samples, Side},
+    samples::{CollectionPart, HeadingMark, Sample, Samples},
 };
 pub use uncertainty::{
     expected_error::Deviation,
@@ -109,7 +110,6 @@ pub(crate) use {
         matrix::{inverse, multiply},
     },
     model::{FieldPrediction, JacobianRow},
-    types::samples::{part_range, samples_of_part},
 };
 
 #[cfg(test)]

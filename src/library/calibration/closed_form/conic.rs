@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Matrix3, SVector, Vector2, Vector3};
 use super::principal_plane::PrincipalPlane;
 use crate::calibration::linear_algebra::least_squares::LeastSquares;
 use crate::calibration::types::error::SolveError;
-use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
+use crate::calibration::types::samples::{CollectionPart, Samples};
 use crate::trig::sqrt;
 
 /// An ellipse in space: points `centre + p`, with `p` in the plane and `p^T Q p = 1`.
@@ -19,18 +19,21 @@ pub(in crate::calibration) struct Ellipse {
 }
 
 impl Ellipse {
-    /// Fits the principal plane of a turn's samples and a conic in it; fields are rotated by `rotation` first.
+    /// Fits the principal plane of the samples of a turn and a conic in it; fields are rotated by `rotation` first.
     ///
     /// # Errors
     ///
     /// [`SolveError::NotFinite`] for non-finite fields, [`SolveError::NotAnEllipse`] for another conic.
-    pub fn fit_ellipse(samples: &[Sample], rotation: &Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        let samples = Samples::new(samples);
-        let Some(plane) = PrincipalPlane::fit_plane(&samples, rotation) else { return Err(SolveError::NotFinite) };
+    pub fn fit_ellipse(
+        samples: Samples<'_>,
+        rotation: &Matrix3<f32>,
+        part: CollectionPart,
+    ) -> Result<Self, SolveError> {
+        let Some(plane) = PrincipalPlane::fit_plane(samples, rotation) else { return Err(SolveError::NotFinite) };
         // Scaled to about 1; otherwise the equations would mix magnitudes of 1 and uT^4.
         let scale = plane.rms_distance_from_mean_ut;
         let points = samples.iter().map(|sample| plane.plane_coordinates(&(rotation * sample.field.ut)) / scale);
-        let (centre, quadratic_form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(SamplePart::Turns(side)))?;
+        let (centre, quadratic_form) = fit_conic(points).ok_or(SolveError::NotAnEllipse(part))?;
         Ok(Self {
             centre_ut: plane.origin_ut + (plane.plane_axes[0] * centre.x + plane.plane_axes[1] * centre.y) * scale,
             normal: plane.normal,
@@ -88,6 +91,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
+    use crate::calibration::Sample;
     use crate::frames::{Field, RollPitch};
 
     const U_UT: Vector3<f32> = Vector3::new(25.0, 4.0, -3.0);
@@ -105,7 +109,7 @@ mod tests {
             Sample::new(field, RollPitch::default())
         };
         let samples: Vec<Sample> = (0..24).map(sample).collect();
-        let ellipse = Ellipse::fit_ellipse(&samples, &Matrix3::identity(), Side::Left).unwrap();
+        let ellipse = Ellipse::fit_ellipse(Samples::new(&samples), &Matrix3::identity(), CollectionPart::LEFT).unwrap();
         assert!((ellipse.centre_ut - CENTRE_UT).norm() < 1e-3, "{}", ellipse.centre_ut);
         assert!((ellipse.normal.dot(&U_UT.cross(&V_UT).normalize()).abs() - 1.0).abs() < 1e-5);
         for (direction, conjugate) in [(U_UT, V_UT), (V_UT, U_UT), (U_UT + V_UT, (V_UT - U_UT) / 2_f32.sqrt())] {

@@ -18,7 +18,7 @@ pub(crate) struct PrincipalPlane {
 
 impl PrincipalPlane {
     /// Plane of the samples' fields, rotated by `rotation` first. `None` without samples or if not finite.
-    pub fn fit_plane(samples: &Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
+    pub fn fit_plane(samples: Samples<'_>, rotation: &Matrix3<f32>) -> Option<Self> {
         let fields_ut = || samples.iter().map(|sample| rotation * sample.field.ut);
         let field_count = fields_ut().count() as f32;
         let origin_ut = fields_ut().sum::<Vector3<f32>>() / field_count;
@@ -71,7 +71,7 @@ mod tests {
         let samples: Vec<_> = fields_ut.iter().map(|&ut| Sample::new(Field::new(ut), RollPitch::default())).collect();
         let (left, rest) = samples.split_at(1);
         let (right, level) = rest.split_at(1);
-        PrincipalPlane::fit_plane(&Parts { left, right, level, ..Parts::default() }.samples(), rotation)
+        PrincipalPlane::fit_plane(Parts { left, right, level, ..Parts::default() }.samples(), rotation)
     }
 
     #[test]
@@ -122,6 +122,6 @@ mod tests {
         let nan = [Vector3::x(), Vector3::y(), Vector3::new(f32::NAN, 0.0, 1.0)];
         assert!(plane_through(&nan, &Matrix3::identity()).is_none());
         assert!(plane_through(&[Vector3::new(1.0, 2.0, 3.0); 5], &Matrix3::identity()).is_none());
-        assert!(PrincipalPlane::fit_plane(&Samples::default(), &Matrix3::identity()).is_none());
+        assert!(PrincipalPlane::fit_plane(Samples::default(), &Matrix3::identity()).is_none());
     }
 }

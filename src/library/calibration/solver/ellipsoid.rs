@@ -50,7 +50,7 @@ mod tests {
     use testkit::random::Random;
 
     use super::*;
-    use crate::calibration::{Method, Prior, Quality, Sample, SamplePart, SolveError, solve_samples};
+    use crate::calibration::{CollectionPart, Method, Prior, Quality, Sample, SolveError, solve_samples};
     use crate::frames::{Field, RollPitch};
 
     fn tumbled_samples(missing_direction_count: usize) -> Vec<Sample> {
@@ -90,6 +90,6 @@ mod tests {
     #[test]
     fn most_field_directions_are_required() {
         assert!(solve_tumbled(0).is_ok() && solve_tumbled(2).is_ok(), "{:?}", solve_tumbled(2));
-        assert_eq!(solve_tumbled(6).map(|_| ()), Err(SolveError::NotDetermined(SamplePart::All)));
+        assert_eq!(solve_tumbled(6).map(|_| ()), Err(SolveError::NotDetermined(CollectionPart::FREE)));
     }
 }

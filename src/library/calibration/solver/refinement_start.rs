@@ -12,7 +12,7 @@ use crate::calibration::types::method::Method;
 use crate::calibration::types::orientation::Orientation;
 use crate::calibration::types::prior::Prior;
 use crate::calibration::types::quality::AttitudeEnvelope;
-use crate::calibration::types::samples::{SamplePart, Samples};
+use crate::calibration::types::samples::{CollectionPart, Samples};
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SampleCorrections {
@@ -36,7 +36,7 @@ fn solve_closed_form(
         Method::FourEllipse => four_ellipse::solve_four_ellipse(samples, rotation, inclination_rad),
         Method::TwoPlane | Method::MaximumLikelihood => two_plane::solve_two_plane(samples, rotation),
         Method::CompassSwing => compass_swing::solve_compass_swing(samples.marks, rotation, inclination_rad),
-        Method::Ellipsoid => Err(SolveError::NotDetermined(SamplePart::All)),
+        Method::Ellipsoid => Err(SolveError::NotDetermined(CollectionPart::FREE)),
     }
 }
 

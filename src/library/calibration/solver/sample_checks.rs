@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
 use crate::calibration::types::error::{Axis, SolveError};
 use crate::calibration::types::method::Method;
-use crate::calibration::types::samples::{CollectionPart, Sample, SamplePart, Samples};
+use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::frames::RollPitch;
 
 /// Upper limit of a plausible field, microtesla: 10,000 times the Earth's field.
@@ -22,7 +22,7 @@ const RANGE_END_FRACTION: f32 = 0.01;
 const STUCK_FRACTION_DIVISOR: usize = 5;
 
 pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
-    let part = if method == Method::Level { SamplePart::Level } else { SamplePart::All };
+    let part = if method == Method::Level { CollectionPart::LEVEL } else { CollectionPart::FREE };
     let need = if samples.marks.is_empty() { MIN_SAMPLES } else { 1 };
     SolveError::require_samples(part, samples.all_samples().count(), need)?;
     let headings = samples.marks.iter().all(|mark| mark.heading_rad.is_finite());

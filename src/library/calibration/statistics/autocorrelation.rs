@@ -3,7 +3,7 @@
 //! For first-order autoregressive errors with autocorrelation rho, the effective sample size is `(1 - rho) / (1 + rho)`
 //! of the number of samples.
 
-use crate::calibration::types::time_order::PART_COUNT;
+use crate::calibration::types::samples::PART_COUNT;
 
 /// Upper limit of rho: an effective sample size of 1/39.
 const MAX_AUTOCORRELATION: f32 = 0.95;

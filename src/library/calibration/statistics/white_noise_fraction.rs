@@ -6,7 +6,7 @@
 //! limit.
 
 use crate::calibration::model::CLIPPED_MEAN_SQUARE;
-use crate::calibration::types::time_order::PART_COUNT;
+use crate::calibration::types::samples::PART_COUNT;
 use crate::time::WrappingMillis;
 
 /// Maximum time between neighbouring samples, milliseconds: 20 deg in an ordinary turn.

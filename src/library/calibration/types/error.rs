@@ -4,7 +4,7 @@ use core::fmt;
 
 use super::hard_iron_change::DetectedHardIronChange;
 use super::orientation::Orientation;
-use super::samples::SamplePart;
+use super::samples::CollectionPart;
 
 /// An axis of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub enum SolveError {
     /// A part has fewer samples than any solution needs.
     TooFewSamples {
         /// Part of the collection that lacks samples, such as its left turns.
-        part: SamplePart,
+        part: CollectionPart,
         /// Number of samples in the part.
         have: u16,
         /// Required number of samples.
@@ -56,9 +56,9 @@ pub enum SolveError {
         axis: Axis,
     },
     /// The samples of a part are not on an ellipse: too short an arc, or not a turn.
-    NotAnEllipse(SamplePart),
+    NotAnEllipse(CollectionPart),
     /// The samples do not determine the coefficients.
-    NotDetermined(SamplePart),
+    NotDetermined(CollectionPart),
     /// Both sides have nearly the same bank, so their planes do not intersect.
     SamePlane,
     /// The hard iron changed so much that no plausible fit exists.
@@ -81,7 +81,7 @@ pub enum SolveError {
 
 impl SolveError {
     /// Error of a part with too few samples; numbers saturate at 65,535.
-    pub(in crate::calibration) fn too_few(part: SamplePart, have: usize, need: usize) -> Self {
+    pub(in crate::calibration) fn too_few(part: CollectionPart, have: usize, need: usize) -> Self {
         let [have, need] = [have, need].map(|number| u16::try_from(number).unwrap_or(u16::MAX));
         Self::TooFewSamples { part, have, need }
     }
@@ -90,7 +90,7 @@ impl SolveError {
     /// # Errors
     ///
     /// [`SolveError::TooFewSamples`] when `have < need`.
-    pub(in crate::calibration) fn require_samples(part: SamplePart, have: usize, need: usize) -> Result<(), Self> {
+    pub(in crate::calibration) fn require_samples(part: CollectionPart, have: usize, need: usize) -> Result<(), Self> {
         if have < need { Err(Self::too_few(part, have, need)) } else { Ok(()) }
     }
 }
@@ -128,10 +128,10 @@ mod tests {
 
     #[test]
     fn a_part_one_sample_short_is_rejected() {
-        assert_eq!(SolveError::require_samples(SamplePart::Level, 8, 8), Ok(()));
-        let missing = SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 };
-        assert_eq!(SolveError::require_samples(SamplePart::Level, 7, 8), Err(missing));
-        let saturated = SolveError::TooFewSamples { part: SamplePart::All, have: u16::MAX, need: u16::MAX };
-        assert_eq!(SolveError::too_few(SamplePart::All, 65_536, 70_000), saturated);
+        assert_eq!(SolveError::require_samples(CollectionPart::LEVEL, 8, 8), Ok(()));
+        let missing = SolveError::TooFewSamples { part: CollectionPart::LEVEL, have: 7, need: 8 };
+        assert_eq!(SolveError::require_samples(CollectionPart::LEVEL, 7, 8), Err(missing));
+        let saturated = SolveError::TooFewSamples { part: CollectionPart::FREE, have: u16::MAX, need: u16::MAX };
+        assert_eq!(SolveError::too_few(CollectionPart::FREE, 65_536, 70_000), saturated);
     }
 }

@@ -19,10 +19,6 @@ pub enum Method {
 }
 
 impl Method {
-    /// All methods.
-    pub const ALL_METHODS: [Self; 6] =
-        [Self::Level, Self::FourEllipse, Self::TwoPlane, Self::MaximumLikelihood, Self::CompassSwing, Self::Ellipsoid];
-
     /// Name shown to users, in JSON and in `cal solve`.
     #[must_use]
     pub const fn method_name(self) -> &'static str {
@@ -34,12 +30,6 @@ impl Method {
             Self::CompassSwing => "compass-swing",
             Self::Ellipsoid => "ellipsoid",
         }
-    }
-
-    /// Parses a method name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_METHODS.into_iter().find(|method| method.method_name() == name)
     }
 
     /// Whether an iterative refinement follows the closed form.

@@ -12,4 +12,3 @@ pub(in crate::calibration) mod prior;
 pub(in crate::calibration) mod quality;
 pub(in crate::calibration) mod rates;
 pub(in crate::calibration) mod samples;
-pub(in crate::calibration) mod time_order;

@@ -20,8 +20,7 @@ use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::quality::AttitudeLatency;
 use crate::calibration::types::rates::AngleRates;
-use crate::calibration::types::samples::Samples;
-use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered, TimeSpan};
+use crate::calibration::types::samples::{PART_COUNT, Samples, TimeSpan};
 use crate::frames::RollPitch;
 
 /// Fisher information, with the statistics of the residuals and the sums of the score tests.
@@ -66,7 +65,8 @@ impl Information {
         let parameters = ModelParameters::from_unknowns(unknowns);
         let mut lagged_roll = LaggedRoll::default();
         let time_span = TimeSpan::from_samples(samples);
-        for (part, sample) in TimeOrdered::new(samples) {
+        for sample in samples.iter() {
+            let part = sample.part.index();
             let equations = likelihood.sample_equations(sample, None, &parameters);
             let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
             let lagged_roll_rad = lagged_roll.filter_roll(sample.time, attitude.roll_rad);

@@ -37,8 +37,7 @@ use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, 
 use crate::calibration::statistics::autocorrelation::Autocorrelation;
 use crate::calibration::statistics::residuals::ResidualStatistics;
 use crate::calibration::types::hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse};
-use crate::calibration::types::samples::{Sample, Samples};
-use crate::calibration::types::time_order::{TimeOrdered, TimeSpan};
+use crate::calibration::types::samples::{Sample, Samples, TimeSpan};
 use crate::trig::{VectorLength as _, sqrt};
 
 /// Number of times at which a step is tested.
@@ -339,7 +338,7 @@ impl HardIronScan {
         let mut remaining = Autocorrelation::default();
         let mut norm_sums = ScoreTest::zero();
         let mut last_turn = LastTurn::default();
-        for (part, sample) in TimeOrdered::new(fit.samples) {
+        for sample in fit.samples.iter() {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
             let fraction = self.time_span.change_fraction_at(estimate.tested_time_course, sample);
             let response = if estimate.tested_time_course == TestedTimeCourse::Hysteresis {
@@ -356,7 +355,7 @@ impl HardIronScan {
                 residual * sqrt(equation.weight)
             };
             remaining.add_residuals(
-                part,
+                sample.part.index(),
                 [residual(&equations.norm_equation), equations.inclination_equation.as_ref().map_or(0.0, residual)],
             );
             norm_sums.add_weighted_equation(&equations.norm_equation, &derivative(&equations.norm_equation), fraction);
