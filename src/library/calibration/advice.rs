@@ -6,10 +6,10 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::fmt;
 
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{ModelParameters, PriorQuantity};
-use crate::calibration::types::method::Method;
+use crate::calibration::types::quality::Method;
 use crate::calibration::types::samples::{CollectionPart, Samples};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{self, Deviation};

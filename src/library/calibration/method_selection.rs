@@ -13,8 +13,7 @@
 //! up to eight times as large.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::method::Method;
+use crate::calibration::types::quality::{Method, SolveError};
 use crate::calibration::types::samples::{CollectionPart, Samples};
 
 /// Procedure by which samples are collected.

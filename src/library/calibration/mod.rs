@@ -56,7 +56,7 @@
 //! | room | content |
 //! |---|---|
 //! | `types/` | samples, method, coefficients, quality, errors |
-//! | `linear_algebra/` | least squares in `f32` |
+//! | `linear_algebra` | least squares in `f32` |
 //! | `closed_form/` | level, four ellipses, two planes, compass swing; starting points |
 //! | `model/` | unknowns, predicted field, residuals, noise, priors |
 //! | `fit/` | normal equations, Levenberg-Marquardt iteration |
@@ -85,34 +85,25 @@ pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, Til
 pub use assessment::{Finding, Solution};
 pub use solver::stepwise_solver::{SolveProgress, Solver, solve_samples};
 pub use types::{
-    bank_scale::BankScaleFinding,
-    coefficients::Calibration,
-    consider_states::ConsiderSigmas,
-    error::{Axis, SolveError},
-    hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse},
-    method::Method,
-    motor_current::MotorCurrentInterference,
-    orientation::Orientation,
-    prior::Prior,
-    quality::{AttitudeEnvelope, AttitudeLatency, Quality},
-    rates::{AngleRates, MotorCurrent},
-    samples::{CollectionPart, HeadingMark, Sample, Samples},
+    coefficients::{Calibration, MotorCurrentInterference, Orientation, Prior},
+    quality::{
+        AttitudeEnvelope, AttitudeLatency, Axis, BankScaleFinding, ConsiderSigmas, DetectedHardIronChange,
+        HardIronTimeCourse, Method, Quality, SolveError,
+    },
+    samples::{AngleRates, CollectionPart, HeadingMark, MotorCurrent, Sample, Samples},
 };
 pub use uncertainty::{
     expected_error::Deviation,
     heading_uncertainty::{HeadingUncertainty, HeadingVariance},
 };
 pub(crate) use {
-    closed_form::{principal_plane::PrincipalPlane, starting_point::fit_sphere},
+    closed_form::{conic::PrincipalPlane, starting_point::fit_sphere},
     fit::information_matrix::InformationMatrix,
-    linear_algebra::{
-        least_squares::LeastSquares,
-        matrix::{inverse, multiply},
-    },
+    linear_algebra::{LeastSquares, inverse, multiply},
     model::{FieldPrediction, JacobianRow},
 };
 
 #[cfg(test)]
-use linear_algebra::matrix::matrix_rows;
+use linear_algebra::matrix_rows;
 #[cfg(test)]
 pub(crate) mod tests;

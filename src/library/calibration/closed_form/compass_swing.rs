@@ -8,8 +8,8 @@
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use super::starting_point::{SensorResponse, inclination_tangent};
-use crate::calibration::linear_algebra::least_squares::LeastSquares;
-use crate::calibration::types::error::SolveError;
+use crate::calibration::linear_algebra::LeastSquares;
+use crate::calibration::types::quality::SolveError;
 use crate::calibration::types::samples::{CollectionPart, HeadingMark};
 use crate::frames::Field;
 use crate::trig;

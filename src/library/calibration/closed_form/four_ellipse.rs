@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use super::level_ellipse::EllipseMap;
 use super::starting_point::{SensorResponse, inclination_tangent};
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres};
-use crate::calibration::types::error::SolveError;
+use crate::calibration::types::quality::SolveError;
 use crate::calibration::types::samples::{CollectionPart, Samples};
 
 /// Solves left and right turns; fields are rotated by `rotation` first. The vertical field is estimated from the two

@@ -9,8 +9,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::conic::fit_conic;
 use super::starting_point::SensorResponse;
-use crate::calibration::linear_algebra::least_squares::LeastSquares;
-use crate::calibration::types::error::SolveError;
+use crate::calibration::linear_algebra::LeastSquares;
+use crate::calibration::types::quality::SolveError;
 use crate::calibration::types::samples::{CollectionPart, Samples};
 use crate::trig;
 use crate::trig::sqrt;

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use crate::calibration::types::error::SolveError;
+use crate::calibration::types::quality::SolveError;
 use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::frames::wrap_pi;
 use crate::trig;

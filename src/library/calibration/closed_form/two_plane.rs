@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::conic::Ellipse;
 use super::starting_point::SensorResponse;
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres, turn_progress_rad};
-use crate::calibration::types::error::SolveError;
+use crate::calibration::types::quality::SolveError;
 use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::trig::VectorLength as _;
 

@@ -5,22 +5,17 @@ use nalgebra::Vector3;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{
-    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination_residual,
+    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, LaggedRoll, add_inclination_residual,
 };
-use crate::calibration::hypotheses::hard_iron_change::{
-    HardIronChangeEffect, HardIronScan, derivative_by_hard_iron, hard_iron_residuals,
-};
-use crate::calibration::hypotheses::lagging_bank_scale::LaggedRoll;
+use crate::calibration::hypotheses::hard_iron_change::{HardIronChangeEffect, HardIronScan, derivative_by_hard_iron};
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
-use crate::calibration::hypotheses::score_test::ScoreTest;
+use crate::calibration::hypotheses::score_test::{ScoreTest, hard_iron_residuals};
 use crate::calibration::model::{
     Likelihood, MeasuredSample, ModelParameters, ResidualEquation, SampleEquations, Vector13,
 };
-use crate::calibration::statistics::autocorrelation::Autocorrelation;
-use crate::calibration::statistics::residuals::ResidualStatistics;
+use crate::calibration::statistics::residuals::{Autocorrelation, ResidualStatistics};
 use crate::calibration::types::quality::AttitudeLatency;
-use crate::calibration::types::rates::AngleRates;
-use crate::calibration::types::samples::{PART_COUNT, Samples, TimeSpan};
+use crate::calibration::types::samples::{AngleRates, PART_COUNT, Samples, TimeSpan};
 use crate::frames::RollPitch;
 
 /// Fisher information, with the statistics of the residuals and the sums of the score tests.

@@ -1,30 +1,23 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-use super::ellipsoid;
 use super::inclination::GivenInclination;
-use super::refinement_start::{SampleCorrections, begin_refinement, choose_starting_point};
-use super::sample_checks::check_samples;
+use super::sample_checks::{check_samples, is_determined};
 use super::solve_attempts::{
-    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, has_small_error_and_hard_iron, is_accurate,
-    is_avoidable_by_another_start, is_poor,
+    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, SampleCorrections, begin_refinement, choose_starting_point,
+    has_small_error_and_hard_iron, is_accurate, is_avoidable_by_another_start, is_poor,
 };
 use crate::calibration::assessment::Solution;
 use crate::calibration::closed_form::starting_point::{self, StartingPoint};
 use crate::calibration::closed_form::turns::{turn_progress_by_rates_rad, turn_progress_rad};
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::fit::levenberg_marquardt::{Refinement, RefinementProgress as Refining};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error_table::assumed_sigmas;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{Likelihood, NoiseModel, PriorQuantity, Vector13};
-use crate::calibration::types::coefficients::Calibration;
-use crate::calibration::types::consider_states::ConsiderSigmas;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::method::Method;
-use crate::calibration::types::orientation::Orientation;
-use crate::calibration::types::prior::Prior;
-use crate::calibration::types::quality::{AttitudeLatency, Quality};
+use crate::calibration::types::coefficients::{Calibration, Orientation, Prior};
+use crate::calibration::types::quality::{AttitudeLatency, ConsiderSigmas, Method, Quality, SolveError};
 use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::{inclination_from_samples, unobservable_quantities};
@@ -359,7 +352,7 @@ impl Solver {
             self.given_inclination
                 .check_inclination(sample_inclination, likelihood.config.known_inclination_sigma_rad)?;
         }
-        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(refined_fit, information) {
+        if self.method == Method::Ellipsoid && !is_determined(refined_fit, information) {
             return Err(SolveError::NotDetermined(CollectionPart::FREE));
         }
         // Advice is not computed for a poor result that another starting point may improve.
