@@ -48,7 +48,7 @@ const ARGUMENTS: &[&str] = &[
     "again",
     "all",
     "yes",
-    "two-plane",
+    "four-ellipse",
     "12.5",
     "-3",
     "1e9",

@@ -161,9 +161,9 @@ fn check_held_back_count(policy: &AcceptancePolicy, samples: &AcceptanceSamples<
 fn fewest_held_back(samples: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit_samples, held_back_samples, .. } = samples;
     let parts_in_use =
-        CollectionPart::ALL_PARTS.into_iter().filter(|part| !fit_samples.samples_of_part(*part).is_empty());
+        CollectionPart::ALL_PARTS.into_iter().filter(|part| fit_samples.samples_of_part(*part).iter().next().is_some());
     parts_in_use
-        .map(|part| u16::try_from(held_back_samples.samples_of_part(part).len()).unwrap_or(u16::MAX))
+        .map(|part| u16::try_from(held_back_samples.samples_of_part(part).iter().count()).unwrap_or(u16::MAX))
         .min()
         .unwrap_or(0)
 }

@@ -6,11 +6,11 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::fmt;
 
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{ModelParameters, PriorQuantity};
-use crate::calibration::types::method::Method;
-use crate::calibration::types::samples::{CollectionPart, Samples, Side};
+use crate::calibration::types::quality::Method;
+use crate::calibration::types::samples::{CollectionPart, Samples};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{self, Deviation};
 use crate::calibration::uncertainty::information::Information;
@@ -22,8 +22,8 @@ use crate::trig::sqrt;
 /// Recommended manoeuvre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manoeuvre {
-    /// Full circle to a side at a bank in degrees.
-    Circle(Side, u8),
+    /// Full circle at a bank in degrees, positive to the right.
+    Circle(i8),
     /// Full circle without bank, or straight legs on eight headings.
     Level,
     /// Full turn on the spot without tilt.
@@ -63,12 +63,12 @@ const RECOMMENDED_TILT_DEG: f32 = 15.0;
 
 /// Circle manoeuvres, the cheapest first, because the first of equals is recommended.
 const CIRCLE_MANOEUVRES: [Manoeuvre; 7] = [
-    Manoeuvre::Circle(Side::Left, 25),
-    Manoeuvre::Circle(Side::Right, 25),
-    Manoeuvre::Circle(Side::Left, 40),
-    Manoeuvre::Circle(Side::Right, 40),
-    Manoeuvre::Circle(Side::Left, 15),
-    Manoeuvre::Circle(Side::Right, 15),
+    Manoeuvre::Circle(-25),
+    Manoeuvre::Circle(25),
+    Manoeuvre::Circle(-40),
+    Manoeuvre::Circle(40),
+    Manoeuvre::Circle(-15),
+    Manoeuvre::Circle(15),
     Manoeuvre::Level,
 ];
 
@@ -132,8 +132,7 @@ impl Manoeuvre {
 
     fn attitude(self) -> RollPitch {
         match self {
-            Self::Circle(Side::Left, bank_deg) => RollPitch::from_deg(-f32::from(bank_deg), 0.0),
-            Self::Circle(Side::Right, bank_deg) => RollPitch::from_deg(f32::from(bank_deg), 0.0),
+            Self::Circle(bank_deg) => RollPitch::from_deg(f32::from(bank_deg), 0.0),
             Self::Level | Self::YawTurn => RollPitch::default(),
             Self::Tilt(towards, _) => towards.tilt_attitude(),
         }
@@ -153,7 +152,10 @@ impl Manoeuvre {
 impl fmt::Display for Manoeuvre {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Circle(side, bank_deg) => write!(f, "a {} circle at {bank_deg} deg of bank", side.side_name()),
+            Self::Circle(bank_deg) => {
+                let side = if *bank_deg < 0 { "left" } else { "right" };
+                write!(f, "a {side} circle at {} deg of bank", bank_deg.unsigned_abs())
+            }
             Self::Level => f.write_str("a level circle, or straight legs at eight headings"),
             Self::YawTurn => f.write_str("turn once round, level"),
             Self::Tilt(towards, quarter) => {
@@ -238,7 +240,7 @@ const MIN_BANK_TO_TURN_RATE_CORRELATION: f32 = 0.45;
 /// Whether the vehicle banks into its turns; true for samples of the turns procedure.
 fn banks_into_turns(samples: Samples<'_>) -> bool {
     let (mut product_sum, mut bank_squares, mut rate_squares) = (0.0, 0.0, 0.0);
-    for sample in samples.samples_of_part(CollectionPart::FREE) {
+    for sample in samples.samples_of_part(CollectionPart::FREE).iter() {
         let (roll_rad, rate_rad_s) = (sample.attitude.roll_rad, sample.rates.heading_rad_s());
         product_sum += roll_rad * rate_rad_s;
         bank_squares += roll_rad * roll_rad;
@@ -253,7 +255,7 @@ fn steady_list(samples: Samples<'_>) -> RollPitch {
     /// Mean tilt that is a list, radians (5 deg): more than a trim or a mounting is off.
     const MIN_LIST_RAD: f32 = 0.087;
     let (mut sum_rad, mut count) = ([0.0_f32; 2], 0.0_f32);
-    for sample in samples.samples_of_part(CollectionPart::FREE) {
+    for sample in samples.samples_of_part(CollectionPart::FREE).iter() {
         sum_rad = [sum_rad[0] + sample.attitude.roll_rad, sum_rad[1] + sample.attitude.pitch_rad];
         count += 1.0;
     }
@@ -337,8 +339,8 @@ mod tests {
     fn each_manoeuvre_has_a_text_and_an_attitude() {
         use {HeadingQuadrant as Quadrant, Manoeuvre::Tilt, TiltDirection as Towards};
         for (manoeuvre, text, roll_pitch_deg) in [
-            (Manoeuvre::Circle(Side::Left, 25), "a left circle at 25 deg of bank", [-25.0, 0.0]),
-            (Manoeuvre::Circle(Side::Right, 40), "a right circle at 40 deg of bank", [40.0, 0.0]),
+            (Manoeuvre::Circle(-25), "a left circle at 25 deg of bank", [-25.0, 0.0]),
+            (Manoeuvre::Circle(40), "a right circle at 40 deg of bank", [40.0, 0.0]),
             (Manoeuvre::Level, "a level circle, or straight legs at eight headings", [0.0; 2]),
             (Manoeuvre::YawTurn, "turn once round, level", [0.0; 2]),
             (Tilt(Towards::Left, Some(Quadrant::East)), "tilt to the left while heading east to south", [-15.0, 0.0]),
@@ -450,7 +452,7 @@ mod tests {
 
     #[test]
     fn hypothetical_headings_are_evenly_spaced() {
-        let headings: Vec<f32> = Manoeuvre::Circle(Side::Left, 25).headings_rad().collect();
+        let headings: Vec<f32> = Manoeuvre::Circle(-25).headings_rad().collect();
         assert_eq!((headings.len(), headings[0].to_bits()), (24, 0));
         let are_even = |headings: &[f32]| headings.windows(2).all(|pair| (pair[1] - pair[0] - TAU / 24.0).abs() < 1e-5);
         assert!(are_even(&headings));

@@ -1,22 +1,18 @@
 //! Assessment of a converged fit: quality, findings and advice.
 
 use crate::calibration::advice::{self, Advice};
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error::{AttitudeErrorFinding, AttitudeErrorTestInput};
 use crate::calibration::hypotheses::attitude_error_table::{
     ATTITUDE_ERROR_COUNT, ATTITUDE_ERRORS, AttitudeErrorSigmas, BANK_SCALE_INDEX, LAGGING_BANK_SCALE_INDEX,
-    ROLL_BIAS_INDEX, assumed_sigmas,
+    MIN_REPORTED_SIGMAS, ROLL_BIAS_INDEX, assumed_sigmas,
 };
 use crate::calibration::hypotheses::hard_iron_change::{ConfirmedChange, HardIronScan};
-use crate::calibration::hypotheses::lagging_bank_scale::MIN_REPORTED_SIGMAS;
 use crate::calibration::statistics::discrepancy::Discrepancy;
-use crate::calibration::types::bank_scale::BankScaleFinding;
 use crate::calibration::types::coefficients::Calibration;
-use crate::calibration::types::consider_states::ConsiderSigmas;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::hard_iron_change::DetectedHardIronChange;
-use crate::calibration::types::method::Method;
-use crate::calibration::types::quality::{AttitudeLatency, Quality};
+use crate::calibration::types::quality::{
+    AttitudeLatency, BankScaleFinding, ConsiderSigmas, DetectedHardIronChange, Method, Quality, SolveError,
+};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{ExpectedError, expected_heading_error};
 use crate::calibration::uncertainty::heading_uncertainty::{HeadingUncertainty, heading_uncertainty};

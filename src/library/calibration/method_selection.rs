@@ -13,9 +13,8 @@
 //! up to eight times as large.
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::method::Method;
-use crate::calibration::types::samples::{CollectionPart, SamplePart, Samples, Side};
+use crate::calibration::types::quality::{Method, SolveError};
+use crate::calibration::types::samples::{CollectionPart, Samples};
 
 /// Procedure by which samples are collected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -48,47 +47,26 @@ impl Procedure {
             Self::Tumble => "tumble",
         }
     }
-
-    /// Parses a procedure name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_PROCEDURES.into_iter().find(|procedure| procedure.procedure_name() == name)
-    }
 }
 
-/// Parts of the samples used in a solve.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SelectedParts {
-    left: bool,
-    right: bool,
-    level: bool,
+/// The samples used in a solve: parts with enough samples, all of arbitrary attitude and all with given headings. Without
+/// level flight if both turns exist: it may contain samples taken near other iron while taxiing.
+#[must_use]
+pub fn select_samples(samples: Samples<'_>, procedure: Procedure) -> Samples<'_> {
+    let has_both_turns =
+        procedure == Procedure::Turns && CollectionPart::TURNS.into_iter().all(|part| has_enough(samples, part));
+    [CollectionPart::LEFT, CollectionPart::RIGHT, CollectionPart::LEVEL]
+        .into_iter()
+        .filter(|&part| !has_enough(samples, part) || (part == CollectionPart::LEVEL && has_both_turns))
+        .fold(samples, Samples::without_part)
 }
 
-impl SelectedParts {
-    /// Selects parts with enough samples. Omits level flight if both turns exist: it may contain samples taken near
-    /// other iron while taxiing.
-    #[must_use]
-    pub fn new(samples: Samples<'_>, procedure: Procedure) -> Self {
-        let has_enough = |part: &[_]| part.len() >= MIN_SAMPLES;
-        let (left, right) =
-            (has_enough(samples.samples_of_turn(Side::Left)), has_enough(samples.samples_of_turn(Side::Right)));
-        let has_both_turns = procedure == Procedure::Turns && left && right;
-        Self { left, right, level: has_enough(samples.samples_of_part(CollectionPart::LEVEL)) && !has_both_turns }
-    }
+fn has_enough(samples: Samples<'_>, part: CollectionPart) -> bool {
+    count_of_part(samples, part) >= MIN_SAMPLES
+}
 
-    /// Returns the selected parts, all samples of arbitrary attitude, and all with given headings.
-    #[must_use]
-    pub fn select_samples<'a>(&self, samples: Samples<'a>) -> Samples<'a> {
-        let parts = [
-            (CollectionPart::LEFT, self.left),
-            (CollectionPart::RIGHT, self.right),
-            (CollectionPart::LEVEL, self.level),
-        ];
-        parts
-            .into_iter()
-            .filter(|(_, is_selected)| !is_selected)
-            .fold(samples, |remaining, (part, _)| remaining.without_part(part))
-    }
+fn count_of_part(samples: Samples<'_>, part: CollectionPart) -> usize {
+    samples.samples_of_part(part).iter().count()
 }
 
 /// Selects the method that the samples support.
@@ -103,15 +81,13 @@ pub fn select_method(samples: Samples<'_>, procedure: Procedure) -> Result<Metho
         Procedure::Tumble => Ok(Method::Ellipsoid),
         Procedure::Flight => Ok(Method::MaximumLikelihood),
         Procedure::Turns => {
-            let SelectedParts { left, right, .. } = SelectedParts::new(samples, procedure);
-            let level = samples.samples_of_part(CollectionPart::LEVEL).len() >= MIN_SAMPLES;
-            let missing = |side| {
-                Err(SolveError::too_few(SamplePart::Turns(side), samples.samples_of_turn(side).len(), MIN_SAMPLES))
-            };
-            match (left, right, level) {
-                (true, true, _) | (true, false, true) | (false, true, true) => Ok(Method::MaximumLikelihood),
-                (true, false, false) => missing(Side::Right),
-                (false, _, _) => missing(Side::Left),
+            let has_enough = |part| has_enough(samples, part);
+            let mut missing_turns = CollectionPart::TURNS.into_iter().filter(|part| !has_enough(*part));
+            match (missing_turns.next(), missing_turns.next()) {
+                (Some(part), other) if other.is_some() || !has_enough(CollectionPart::LEVEL) => {
+                    Err(SolveError::too_few(part, count_of_part(samples, part), MIN_SAMPLES))
+                }
+                _ => Ok(Method::MaximumLikelihood),
             }
         }
     }
@@ -135,20 +111,20 @@ mod tests {
 
     #[test]
     fn turns_select_maximum_likelihood_or_report_missing_samples() {
-        let missing = |side, have| Err(SolveError::TooFewSamples { part: SamplePart::Turns(side), have, need: 12 });
+        let missing = |part, have| Err(SolveError::TooFewSamples { part, have, need: 12 });
         for (left, right, level, expected) in [
             (12, 12, 0, Ok(Method::MaximumLikelihood)),
             (12, 12, 40, Ok(Method::MaximumLikelihood)),
             (12, 0, 12, Ok(Method::MaximumLikelihood)),
             (0, 12, 12, Ok(Method::MaximumLikelihood)),
-            (12, 11, 11, missing(Side::Right, 11)),
-            (11, 12, 11, missing(Side::Left, 11)),
-            (11, 12, 0, missing(Side::Left, 11)),
-            (11, 11, 12, missing(Side::Left, 11)),
-            (0, 0, 64, missing(Side::Left, 0)),
-            (11, 11, 11, missing(Side::Left, 11)),
-            (0, 0, 0, missing(Side::Left, 0)),
-            (3, 0, 0, missing(Side::Left, 3)),
+            (12, 11, 11, missing(CollectionPart::RIGHT, 11)),
+            (11, 12, 11, missing(CollectionPart::LEFT, 11)),
+            (11, 12, 0, missing(CollectionPart::LEFT, 11)),
+            (11, 11, 12, missing(CollectionPart::LEFT, 11)),
+            (0, 0, 64, missing(CollectionPart::LEFT, 0)),
+            (11, 11, 11, missing(CollectionPart::LEFT, 11)),
+            (0, 0, 0, missing(CollectionPart::LEFT, 0)),
+            (3, 0, 0, missing(CollectionPart::LEFT, 3)),
         ] {
             assert_eq!(selected_method(left, right, level), expected, "{left} {right} {level}");
         }
@@ -173,9 +149,9 @@ mod tests {
         let selected = |left: usize, right: usize, level: usize, procedure| {
             let [left, right, level] = [left, right, level].map(|part| &parts[part][..]);
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
-            let selected = SelectedParts::new(all, procedure).select_samples(all);
+            let selected = select_samples(all, procedure);
             assert_eq!(selected.marks, marks);
-            let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| selected.samples_of_part(part).len());
+            let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| count_of_part(selected, part));
             assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
             (left, right, level)
         };
@@ -189,20 +165,5 @@ mod tests {
         ] {
             assert_eq!(selected(left, right, level, procedure), expected, "{left} {right} {level} {procedure:?}");
         }
-    }
-
-    #[test]
-    fn procedure_names_round_trip() {
-        for (procedure, name) in [
-            (Procedure::Flight, "flight"),
-            (Procedure::Turns, "turns"),
-            (Procedure::Level, "level"),
-            (Procedure::Swing, "swing"),
-            (Procedure::Tumble, "tumble"),
-        ] {
-            assert_eq!((procedure.procedure_name(), Procedure::from_name(name)), (name, Some(procedure)));
-        }
-        assert_eq!(Procedure::from_name("walk"), None);
-        assert_eq!(Procedure::default(), Procedure::Flight);
     }
 }

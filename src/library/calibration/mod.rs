@@ -24,16 +24,17 @@
 //! };
 //!
 //! // A full circle of 60 samples in half a minute, at 25 deg of bank to the left or to the right.
-//! let circle = |bank_deg: f32, part: CollectionPart| {
+//! let circle = |bank_deg: f32, part: CollectionPart, start_ms: u32| {
 //!     (0..60)
 //!         .map(move |i| {
 //!             let attitude = RollPitch::from_deg(bank_deg, 2.0);
 //!             let heading_rad = bank_deg.signum() * TAU * i as f32 / 60.0;
-//!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(i * 500));
+//!             let (field, time) = (measure(attitude, heading_rad), WrappingMillis::new(start_ms + i * 500));
 //!             Sample { time, part, ..Sample::new(field, attitude) }
 //!         })
 //! };
-//! let turns: Vec<Sample> = circle(-25.0, CollectionPart::LEFT).chain(circle(25.0, CollectionPart::RIGHT)).collect();
+//! let (left, right) = (circle(-25.0, CollectionPart::LEFT, 0), circle(25.0, CollectionPart::RIGHT, 30_000));
+//! let turns: Vec<Sample> = left.chain(right).collect();
 //! let samples = Samples::new(&turns);
 //!
 //! let solution = solve_samples(Method::MaximumLikelihood, samples, &Prior::default())?;
@@ -54,8 +55,8 @@
 //!
 //! | room | content |
 //! |---|---|
-//! | `types/` | samples, method, coefficients, quality, errors; `time_order` merges the parts of a flight |
-//! | `linear_algebra/` | least squares in `f32` |
+//! | `types/` | samples, method, coefficients, quality, errors |
+//! | `linear_algebra` | least squares in `f32` |
 //! | `closed_form/` | level, four ellipses, two planes, compass swing; starting points |
 //! | `model/` | unknowns, predicted field, residuals, noise, priors |
 //! | `fit/` | normal equations, Levenberg-Marquardt iteration |
@@ -84,35 +85,25 @@ pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, Til
 pub use assessment::{Finding, Solution};
 pub use solver::stepwise_solver::{SolveProgress, Solver, solve_samples};
 pub use types::{
-    bank_scale::BankScaleFinding,
-    coefficients::Calibration,
-    consider_states::ConsiderSigmas,
-    error::{Axis, SolveError},
-    hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse},
-    method::Method,
-    motor_current::MotorCurrentInterference,
-    orientation::Orientation,
-    prior::Prior,
-    quality::{AttitudeEnvelope, AttitudeLatency, Quality},
-    rates::{AngleRates, MotorCurrent},
-    samples::{CollectionPart, HeadingMark, Sample, SamplePart, Samples, Side},
+    coefficients::{Calibration, MotorCurrentInterference, Orientation, Prior},
+    quality::{
+        AttitudeEnvelope, AttitudeLatency, Axis, BankScaleFinding, ConsiderSigmas, DetectedHardIronChange,
+        HardIronTimeCourse, Method, Quality, SolveError,
+    },
+    samples::{AngleRates, CollectionPart, HeadingMark, MotorCurrent, Sample, Samples},
 };
 pub use uncertainty::{
     expected_error::Deviation,
     heading_uncertainty::{HeadingUncertainty, HeadingVariance},
 };
 pub(crate) use {
-    closed_form::{principal_plane::PrincipalPlane, starting_point::fit_sphere},
+    closed_form::{conic::PrincipalPlane, starting_point::fit_sphere},
     fit::information_matrix::InformationMatrix,
-    linear_algebra::{
-        least_squares::LeastSquares,
-        matrix::{inverse, multiply},
-    },
+    linear_algebra::{LeastSquares, inverse, multiply},
     model::{FieldPrediction, JacobianRow},
-    types::samples::{part_range, samples_of_part},
 };
 
 #[cfg(test)]
-use linear_algebra::matrix::matrix_rows;
+use linear_algebra::matrix_rows;
 #[cfg(test)]
 pub(crate) mod tests;

@@ -1,7 +1,7 @@
 //! Progress of a collection: the samples that it has stored.
 
+use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{CollectionPart, Side};
 
 /// Coverage of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -33,8 +33,8 @@ pub struct CollectionProgress {
     pub(super) part_coverages: [PartCoverage; CollectionPart::ALL_PARTS.len()],
     /// Number of compass-swing marks.
     pub mark_count: u16,
-    /// Side of the turn in progress.
-    pub turn_in_progress: Option<Side>,
+    /// Part of the turn in progress, left or right turns.
+    pub turn_in_progress: Option<CollectionPart>,
 }
 
 impl CollectionProgress {

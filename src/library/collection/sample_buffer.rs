@@ -1,12 +1,53 @@
-//! The one buffer of a collection, in retained memory.
+//! The one buffer of a collection, in retained memory, and its quotas.
 //!
-//! Samples are ordered by use, part, and time: the fit samples are contiguous, so are the held-back ones, and each part
-//! within them. A new sample is the latest of its part; storing it moves all samples behind that part.
-//! A full free flight is in order of time within three sections only, in which its policy replaces samples.
+//! The fit samples are first, then the held-back ones, both in order of time. Each sample has the part of the flight to
+//! which it belongs.
 
-use super::quota::{SampleQuota, SampleUse};
-use crate::calibration::{CollectionPart, Sample, Samples, part_range, samples_of_part};
+use crate::calibration::{CollectionPart, Sample, Samples};
 use crate::frames::{Field, RollPitch};
+
+/// Number of heading sectors, 30 deg each.
+pub const SECTOR_COUNT: usize = 12;
+
+/// Fit samples per turn side: 16 per sector. 6.9 KB.
+pub const FIT_CAPACITY_PER_SIDE: usize = 16 * SECTOR_COUNT;
+
+/// Use of a stored sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SampleUse {
+    /// The sample is used to fit the coefficients.
+    Fit,
+    /// The sample is held back, to compare a solution with the active calibration.
+    Verification,
+}
+
+/// Largest numbers of samples of a part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SampleQuota {
+    pub fit_quota: usize,
+    pub held_back_quota: usize,
+}
+
+impl SampleQuota {
+    /// Quota of a turn side; 5 held-back samples per sector.
+    pub const TURN: Self = Self { fit_quota: FIT_CAPACITY_PER_SIDE, held_back_quota: 5 * SECTOR_COUNT };
+
+    /// Quota of level flight; 5 fit samples per sector, rounded up.
+    pub const LEVEL: Self = Self { fit_quota: 64, held_back_quota: 20 };
+
+    /// Quota of the whole buffer: all attitudes, or two sides and level flight.
+    pub const WHOLE_BUFFER: Self = Self {
+        fit_quota: 2 * Self::TURN.fit_quota + Self::LEVEL.fit_quota,
+        held_back_quota: 2 * Self::TURN.held_back_quota + Self::LEVEL.held_back_quota,
+    };
+
+    pub const fn quota_of(self, sample_use: SampleUse) -> usize {
+        match sample_use {
+            SampleUse::Fit => self.fit_quota,
+            SampleUse::Verification => self.held_back_quota,
+        }
+    }
+}
 
 const SAMPLE_CAPACITY: usize = SampleQuota::WHOLE_BUFFER.fit_quota + SampleQuota::WHOLE_BUFFER.held_back_quota;
 
@@ -33,7 +74,7 @@ impl SampleBuffer {
         self.samples.get(..sample_count).unwrap_or_default()
     }
 
-    /// Samples of one use, ordered by part, then time.
+    /// Samples of one use, in order of time.
     pub fn samples_of_use(&self, sample_use: SampleUse) -> &[Sample] {
         let (fit, held_back) = self.all_samples().split_at_checked(usize::from(self.fit_count)).unwrap_or_default();
         match sample_use {
@@ -42,68 +83,38 @@ impl SampleBuffer {
         }
     }
 
-    /// Samples of one use and part, ordered by time.
-    pub fn samples_of_part(&self, sample_use: SampleUse, part: CollectionPart) -> &[Sample] {
-        samples_of_part(self.samples_of_use(sample_use), part)
-    }
-
-    /// Fit samples of a part, then the held-back ones.
-    pub fn part_fit_then_held_back(&self, part: CollectionPart) -> Samples<'_> {
-        CollectionPart::ALL_PARTS
-            .into_iter()
-            .filter(|other_part| *other_part != part)
-            .fold(Samples::new(self.all_samples()), Samples::without_part)
+    /// Number of samples of one use and part.
+    pub fn part_count(&self, sample_use: SampleUse, part: CollectionPart) -> usize {
+        Samples::new(self.samples_of_use(sample_use)).samples_of_part(part).iter().count()
     }
 
     pub fn clear(&mut self) {
         (self.fit_count, self.held_back_count) = (0, 0);
     }
 
-    /// Stores a sample as the latest of its part; drops it if the buffer is full.
+    /// Stores the latest sample; drops it if the buffer is full.
     pub fn insert_sample(&mut self, sample_use: SampleUse, sample: Sample) {
-        let [_, end] = self.index_range(sample_use, sample.part);
         let sample_count = self.all_samples().len();
+        let (end, number) = match sample_use {
+            SampleUse::Fit => (usize::from(self.fit_count), &mut self.fit_count),
+            SampleUse::Verification => (sample_count, &mut self.held_back_count),
+        };
         if let Some(shifted @ [_, ..]) = self.samples.get_mut(end..=sample_count) {
             shifted.copy_within(..shifted.len() - 1, 1);
             shifted[0] = sample;
-            *self.count_mut(sample_use) += 1;
+            *number += 1;
         }
     }
 
-    /// Removes the sample at a position of its part.
-    pub fn remove_sample(&mut self, sample_use: SampleUse, part: CollectionPart, position: usize) {
-        let [start, end] = self.index_range(sample_use, part);
-        let sample_count = self.all_samples().len();
-        if start + position < end
-            && let Some(shifted) = self.samples.get_mut(start + position..sample_count)
-        {
-            shifted.copy_within(1.., 0);
-            *self.count_mut(sample_use) -= 1;
-        }
-    }
-
-    /// Stores a sample at `end` of its part, exclusive, in place of the one at an earlier position.
-    pub fn replace_sample(&mut self, sample_use: SampleUse, position: usize, end: usize, sample: Sample) {
-        let [start, _] = self.index_range(sample_use, sample.part);
-        if let Some(shifted @ [_, ..]) = self.samples.get_mut(start + position..start + end) {
+    /// Stores the latest sample in place of the one at a position of its use.
+    pub fn replace_sample(&mut self, sample_use: SampleUse, position: usize, sample: Sample) {
+        let [start, end] = match sample_use {
+            SampleUse::Fit => [0, self.fit_count.into()],
+            SampleUse::Verification => [self.fit_count.into(), self.all_samples().len()],
+        };
+        if let Some(shifted @ [_, ..]) = self.samples.get_mut(start + position..end) {
             shifted.copy_within(1.., 0);
             shifted[shifted.len() - 1] = sample;
-        }
-    }
-
-    /// First and last position (exclusive) of a part.
-    fn index_range(&self, sample_use: SampleUse, part: CollectionPart) -> [usize; 2] {
-        let start = match sample_use {
-            SampleUse::Fit => 0,
-            SampleUse::Verification => usize::from(self.fit_count),
-        };
-        part_range(self.samples_of_use(sample_use), part).map(|position| start + position)
-    }
-
-    fn count_mut(&mut self, sample_use: SampleUse) -> &mut u16 {
-        match sample_use {
-            SampleUse::Fit => &mut self.fit_count,
-            SampleUse::Verification => &mut self.held_back_count,
         }
     }
 }
@@ -112,8 +123,6 @@ impl SampleBuffer {
 mod tests {
     use super::super::test_samples::{test_sample, times_ms};
     use super::*;
-
-    const PARTS: [CollectionPart; 3] = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE];
 
     const BOTH_USES: [SampleUse; 2] = [SampleUse::Fit, SampleUse::Verification];
 
@@ -126,64 +135,33 @@ mod tests {
         BOTH_USES.map(|sample_use| times_ms(buffer.samples_of_use(sample_use)))
     }
 
-    /// Fit and held-back samples of three parts, stored in turn.
+    /// Fit and held-back samples of two parts, stored in turn.
     fn filled_buffer() -> SampleBuffer {
         let mut buffer = SampleBuffer::EMPTY;
-        for time_ms in (0..60).step_by(10) {
-            for (i, part) in PARTS.into_iter().enumerate() {
-                let sample_use = if time_ms % 20 == 0 { SampleUse::Fit } else { SampleUse::Verification };
-                insert_test_sample(&mut buffer, sample_use, part, time_ms + i as u32);
-            }
+        for (time_ms, sample_use) in (0..6).zip(BOTH_USES.into_iter().cycle()) {
+            let part = if time_ms < 4 { CollectionPart::LEFT } else { CollectionPart::LEVEL };
+            insert_test_sample(&mut buffer, sample_use, part, time_ms);
         }
         buffer
     }
 
     #[test]
-    fn samples_are_ordered_by_use_part_and_time() {
-        let buffer = filled_buffer();
-        let expected = [[0, 20, 40, 1, 21, 41, 2, 22, 42], [10, 30, 50, 11, 31, 51, 12, 32, 52]];
-        assert_eq!(stored_times_ms(&buffer), expected);
-        assert_eq!(times_ms(buffer.all_samples()), expected.concat());
-        assert_eq!(times_ms(buffer.samples_of_part(SampleUse::Fit, CollectionPart::LEVEL)), [1, 21, 41]);
-        assert_eq!(times_ms(buffer.samples_of_part(SampleUse::Verification, CollectionPart::FREE)), [12, 32, 52]);
-        assert!(buffer.samples_of_part(SampleUse::Fit, CollectionPart::RIGHT).is_empty());
-        for (i, part) in (0..).zip(PARTS) {
-            let both: Vec<Sample> = buffer.part_fit_then_held_back(part).iter().copied().collect();
-            assert_eq!(times_ms(&both), [0, 20, 40, 10, 30, 50].map(|time_ms| time_ms + i));
-        }
-    }
-
-    #[test]
-    fn removing_a_sample_leaves_the_others_in_order() {
-        for (sample_use, part, position, removed) in [
-            (SampleUse::Fit, CollectionPart::LEFT, 0, 0),
-            (SampleUse::Fit, CollectionPart::FREE, 2, 42),
-            (SampleUse::Verification, CollectionPart::LEFT, 1, 30),
-            (SampleUse::Verification, CollectionPart::FREE, 2, 52),
+    fn samples_are_ordered_by_use_and_time() {
+        let mut buffer = filled_buffer();
+        assert_eq!(stored_times_ms(&buffer), [[0, 2, 4], [1, 3, 5]]);
+        assert_eq!(times_ms(buffer.all_samples()), [0, 2, 4, 1, 3, 5]);
+        let counts = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::FREE]
+            .map(|part| BOTH_USES.map(|sample_use| buffer.part_count(sample_use, part)));
+        assert_eq!(counts, [[2, 2], [1, 1], [0, 0]]);
+        for (sample_use, position, time_ms, expected) in [
+            (SampleUse::Fit, 1, 6, [[0, 4, 6], [1, 3, 5]]),
+            (SampleUse::Verification, 0, 7, [[0, 4, 6], [3, 5, 7]]),
+            (SampleUse::Fit, 2, 8, [[0, 4, 8], [3, 5, 7]]),
+            (SampleUse::Fit, 3, 9, [[0, 4, 8], [3, 5, 7]]),
         ] {
-            let mut buffer = filled_buffer();
-            buffer.remove_sample(sample_use, part, position);
-            let without_removed =
-                |times_ms: Vec<u32>| times_ms.into_iter().filter(|time_ms| *time_ms != removed).collect::<Vec<_>>();
-            assert_eq!(stored_times_ms(&buffer), stored_times_ms(&filled_buffer()).map(without_removed), "{removed}");
+            buffer.replace_sample(sample_use, position, test_sample([2.0; 3], time_ms));
+            assert_eq!(stored_times_ms(&buffer), expected, "{time_ms}");
         }
-        let mut buffer = filled_buffer();
-        buffer.remove_sample(SampleUse::Fit, CollectionPart::LEFT, 3);
-        buffer.remove_sample(SampleUse::Fit, CollectionPart::RIGHT, 0);
-        assert_eq!(buffer.all_samples(), filled_buffer().all_samples(), "there is none");
-    }
-
-    #[test]
-    fn a_replacement_changes_its_part_only() {
-        let mut buffer = filled_buffer();
-        let new = |part, time_ms| Sample { part, ..test_sample([2.0; 3], time_ms) };
-        buffer.replace_sample(SampleUse::Fit, 1, 3, new(CollectionPart::LEVEL, 99));
-        assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Fit)), [0, 20, 40, 1, 41, 99, 2, 22, 42]);
-        buffer.replace_sample(SampleUse::Verification, 0, 3, new(CollectionPart::FREE, 98));
-        assert_eq!(times_ms(buffer.samples_of_use(SampleUse::Verification)), [10, 30, 50, 11, 31, 51, 32, 52, 98]);
-        let before = buffer.clone();
-        buffer.replace_sample(SampleUse::Fit, 3, 3, new(CollectionPart::LEVEL, 97));
-        assert_eq!(buffer.all_samples(), before.all_samples(), "there is none");
     }
 
     #[test]
@@ -206,8 +184,7 @@ mod tests {
         {
             let mut buffer = SampleBuffer { fit_count, held_back_count, ..filled_buffer() };
             assert_eq!(stored_times_ms(&buffer), [[], []]);
-            buffer.remove_sample(SampleUse::Verification, CollectionPart::FREE, 0);
-            buffer.replace_sample(SampleUse::Verification, 0, 1, test_sample([0.0; 3], 2));
+            buffer.replace_sample(SampleUse::Verification, 0, test_sample([0.0; 3], 2));
             buffer.clear();
             insert_test_sample(&mut buffer, SampleUse::Fit, CollectionPart::FREE, 3);
             assert_eq!(times_ms(buffer.all_samples()), [3]);

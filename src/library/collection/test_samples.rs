@@ -22,16 +22,12 @@ pub fn collected(procedure: Procedure, samples: impl IntoIterator<Item = Sample>
 
 /// Times of the fit samples of a part, then of those held back, milliseconds.
 pub fn stored_times_ms(collector: &Collector<'_>, part: CollectionPart) -> [Vec<u32>; 2] {
-    [collector.fit_samples(), collector.held_back_samples()].map(|samples| times_ms(samples.samples_of_part(part)))
+    [collector.fit_samples(), collector.held_back_samples()]
+        .map(|samples| times_ms(samples.samples_of_part(part).iter()))
 }
 
-/// Number of stored samples of a part.
-pub fn stored_count(collector: &Collector<'_>, part: CollectionPart) -> usize {
-    stored_times_ms(collector, part).iter().map(Vec::len).sum()
-}
-
-pub fn times_ms(samples: &[Sample]) -> Vec<u32> {
-    samples.iter().map(|sample| sample.time.as_ms()).collect()
+pub fn times_ms<'a>(samples: impl IntoIterator<Item = &'a Sample>) -> Vec<u32> {
+    samples.into_iter().map(|sample| sample.time.as_ms()).collect()
 }
 
 pub fn test_sample(field_ut: [f32; 3], time_ms: u32) -> Sample {

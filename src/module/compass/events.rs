@@ -151,6 +151,19 @@ impl ModuleState {
     }
 }
 
+/// Indicator state of the module, for an LED.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IndicatorState {
+    /// Uncalibrated, not collecting.
+    Idle,
+    /// Collecting; progress in percent.
+    Collecting(u8),
+    /// A calibration is active.
+    Calibrated,
+    /// Uncalibrated; the last solve was refused.
+    Refused,
+}
+
 /// Full report of the module's state.
 #[derive(Clone, Debug)]
 pub struct StatusReport {

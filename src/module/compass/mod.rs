@@ -7,21 +7,18 @@
 
 mod activity;
 mod armed_state;
-mod automatic_start;
 mod command_admission;
 mod events;
-mod indicator;
 mod persistence;
-mod persistent_state;
 mod reference_heading;
 mod sample_collection;
 mod solving;
 mod state;
-mod state_saving;
 mod trial_solves;
 
-pub use events::{AutopilotAction, CalibrationSummary, Command, Effect, Event, ModuleState, Reply, StatusReport};
-pub use indicator::IndicatorState;
+pub use events::{
+    AutopilotAction, CalibrationSummary, Command, Effect, Event, IndicatorState, ModuleState, Reply, StatusReport,
+};
 pub use state::Compass;
 pub use trial_solves::{TrialResult, TrialSchedule};
 
@@ -38,7 +35,7 @@ use autoswing::collection::{CollectionState, Collector, RecentSamples, RetainedS
 use autoswing::earth::LocalField;
 use autoswing::inertial::SensorOffsets;
 use autoswing::time::WrappingMillis;
-use persistent_state::PersistentState;
+use state::PersistentState;
 use trial_solves::TrialSolves;
 
 impl<'a> Compass<'a> {

@@ -7,9 +7,9 @@ use crate::compass::trial_solves::TrialResult;
 use crate::messages::{Message, Refusal, SolveOutcome};
 use crate::store::CalibrationRecord;
 use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
-use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
-use autoswing::calibration::{Method, Prior, Samples, Solution, SolveProgress as Solving, Solver};
-use autoswing::collection::{CollectionState, Collector, MIN_HELD_BACK_WHEN_COMPLETE};
+use autoswing::calibration::method_selection::{self, Procedure};
+use autoswing::calibration::{Method, Prior, Solution, SolveProgress as Solving, Solver};
+use autoswing::collection::{CollectionState, MIN_HELD_BACK_WHEN_COMPLETE};
 use autoswing::reading::Identity;
 
 const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back_samples <= MIN_HELD_BACK_WHEN_COMPLETE);
@@ -30,7 +30,7 @@ impl Compass<'_> {
             readings_per_sample: sensor.readings_per_sample,
         };
         let consider = self.settings.attitude_error_sigmas();
-        let solver = Solver::with_consider_sigmas(method, collected_samples(&self.collector), &prior, consider)
+        let solver = Solver::with_consider_sigmas(method, self.collector.selected_samples()[0], &prior, consider)
             .map_err(Refusal::Solve)?;
         self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
         Ok(())
@@ -41,7 +41,7 @@ impl Compass<'_> {
         let Activity::Solving(solve) = &mut self.activity else { return Effect::None };
         let purpose = solve.purpose;
         match &mut solve.stage {
-            SolveStage::Fitting(solver) => match solver.solve_step(collected_samples(&self.collector)) {
+            SolveStage::Fitting(solver) => match solver.solve_step(self.collector.selected_samples()[0]) {
                 Solving::Continue => Effect::None,
                 Solving::Finished(Ok(solution)) => {
                     self.advice = solution.advice;
@@ -86,10 +86,10 @@ impl Compass<'_> {
     /// The record to save if the candidate is accepted.
     #[inline(never)]
     fn record_if_accepted(&self, candidate: &Solution, sensor: Identity) -> Result<CalibrationRecord, Refusal> {
-        let selection = SelectedParts::new(self.collector.fit_samples(), self.collector.procedure());
+        let [fit_samples, held_back_samples] = self.collector.selected_samples();
         let grounds = AcceptanceSamples {
-            fit_samples: selection.select_samples(self.collector.fit_samples()),
-            held_back_samples: selection.select_samples(self.collector.held_back_samples()),
+            fit_samples,
+            held_back_samples,
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
         acceptance::evaluate_candidate(&self.acceptance_policy, candidate, grounds, &self.incumbent())
@@ -135,8 +135,4 @@ impl Compass<'_> {
         self.last_collection_outcome = Some(message.clone());
         Effect::Notify(message)
     }
-}
-
-fn collected_samples<'a>(collector: &'a Collector<'_>) -> Samples<'a> {
-    SelectedParts::new(collector.fit_samples(), collector.procedure()).select_samples(collector.fit_samples())
 }

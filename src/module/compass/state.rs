@@ -2,12 +2,11 @@
 
 use super::activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose, SolveStage};
 use super::armed_state::ArmedState;
-use super::persistent_state::PersistentState;
 use super::trial_solves::TrialSolves;
-use crate::compass::events::ModuleState;
+use crate::compass::events::{IndicatorState, ModuleState};
 use crate::messages::Message;
-use crate::settings::Settings;
-use crate::store::{CalibrationRecord, StoredCalibrations};
+use crate::settings::{PORT_COUNT, ProtocolKind, Settings};
+use crate::store::{CalibrationRecord, StartupValues, StoredCalibrations};
 use autoswing::acceptance::AcceptancePolicy;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Advice, Sample};
@@ -21,6 +20,43 @@ use autoswing::time::WrappingMillis;
 /// takes 54 million instructions at most (`bench budget`): 3.5 s in the emulator, less than 1 s at 80 MHz. A longer
 /// trial solve is ended, and ended each time: the collection would never finish.
 pub(super) const SAMPLES_DURING_SOLVE_CAPACITY: usize = 48;
+
+/// Duration after which a detected protocol is stored, milliseconds.
+const STABLE_DETECTION_MS: u32 = 5000;
+
+/// Values in flash for the next start: whether a collection was running, and the detected protocols.
+#[derive(Debug)]
+pub(super) struct PersistentState {
+    /// Values written last, successfully or not.
+    pub last_written_values: StartupValues,
+    /// Detected protocols, and since when.
+    detected_since: Option<([ProtocolKind; PORT_COUNT], WrappingMillis)>,
+}
+
+impl PersistentState {
+    pub const fn new(stored: StartupValues) -> Self {
+        Self { last_written_values: stored, detected_since: None }
+    }
+
+    /// Clears the collection flag, as every save of calibrations does in flash.
+    pub const fn clear_collection_flag(&mut self) {
+        self.last_written_values.is_collecting = false;
+    }
+
+    /// Detected protocols, once constant for long enough.
+    pub fn stable_protocols(
+        &mut self,
+        detected_protocols: [ProtocolKind; PORT_COUNT],
+        now: WrappingMillis,
+    ) -> Option<[ProtocolKind; PORT_COUNT]> {
+        let (candidate, since) = *self.detected_since.get_or_insert((detected_protocols, now));
+        if candidate != detected_protocols {
+            self.detected_since = Some((detected_protocols, now));
+            return None;
+        }
+        (now.ms_since(since) >= STABLE_DETECTION_MS).then_some(detected_protocols)
+    }
+}
 
 /// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
@@ -157,5 +193,30 @@ impl Compass<'_> {
             Activity::Idle if self.active_record().is_some() => ModuleState::Calibrated,
             Activity::Idle => ModuleState::Uncalibrated,
         }
+    }
+
+    /// Indicator state of the module.
+    #[must_use]
+    pub fn indicator_state(&self) -> IndicatorState {
+        match self.module_state() {
+            ModuleState::Uncalibrated => match self.last_collection_outcome {
+                Some(Message::Solved(Err(_))) => IndicatorState::Refused,
+                // The next flight starts another collection, so the module is idle.
+                _ => IndicatorState::Idle,
+            },
+            ModuleState::Collecting if self.awaits_arming() => IndicatorState::Idle,
+            ModuleState::Collecting => IndicatorState::Collecting(self.progress_percent()),
+            ModuleState::Solving | ModuleState::Verifying => IndicatorState::Collecting(100),
+            ModuleState::Calibrated => IndicatorState::Calibrated,
+        }
+    }
+
+    /// Progress, percent: in a flight, wanted over expected heading error; 0 for procedures that the user ends.
+    fn progress_percent(&self) -> u8 {
+        let progress = self.collector.collection_progress();
+        let expected_error_deg = self.trial_solves.last_result.as_ref().and_then(|result| result.expected_error_deg);
+        // The cast saturates and maps NaN to 0.
+        let trial_percent = || Some((100.0 * self.settings.accuracy_deg / expected_error_deg?).min(100.0) as u8);
+        progress.percent().or_else(trial_percent).unwrap_or(0)
     }
 }

@@ -11,7 +11,7 @@ use crate::messages::message::Message;
 use crate::messages::refusal::{Refusal, RefusalCause};
 use crate::store::StoreError;
 use autoswing::acceptance::Rejection;
-use autoswing::calibration::{DetectedHardIronChange, HardIronTimeCourse, SamplePart, Side, SolveError};
+use autoswing::calibration::{CollectionPart, DetectedHardIronChange, HardIronTimeCourse, SolveError};
 use autoswing::collection::CollectionProblem;
 use autoswing::decimal::{Decimal, ShortestDecimal};
 use autoswing::instrument::{HardIronChange, InstallationChange, MountTurn};
@@ -249,7 +249,7 @@ fn solve_error_entry(error: &SolveError, show: EntryWriter<'_>) -> fmt::Result {
     let description = format_args!("{error}");
     match error {
         SolveError::TooFewSamples { part, .. } => {
-            let verb = if let SamplePart::Turns(_) = part { "fly" } else { "take" };
+            let verb = if CollectionPart::TURNS.contains(part) { "fly" } else { "take" };
             show("too-few-samples", description, format_args!("{verb} more {}", part.part_name()))
         }
         SolveError::NotFinite => show("not-finite", description, FIRMWARE_FAULT_ADVICE),
@@ -353,9 +353,10 @@ impl RefusalCause {
                     CollectionProblem::InsufficientBank { .. } => {
                         show(description, format_args!("fly turns at 15 deg of bank or more each way"))
                     }
-                    CollectionProblem::OneSideOnly(side) => {
-                        let other = if *side == Side::Left { Side::Right } else { Side::Left };
-                        show(description, format_args!("fly {} turns, too", other.side_name()))
+                    CollectionProblem::OneSideOnly(part) => {
+                        let missing =
+                            if *part == CollectionPart::LEFT { CollectionPart::RIGHT } else { CollectionPart::LEFT };
+                        show(description, format_args!("fly {}, too", missing.part_name()))
                     }
                     CollectionProblem::ArcOnly { .. } => show(description, format_args!("fly full circles")),
                     CollectionProblem::MissingManoeuvre(_) => show(description, NO_ADVICE),

@@ -5,7 +5,7 @@ use crate::settings::OutOfRange;
 use crate::store::StoreError;
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{SamplePart, SolveError};
+use autoswing::calibration::{CollectionPart, SolveError};
 use autoswing::collection::CollectionProblem;
 
 /// Reason for a rejected command or a failed solve. Codes and texts are in `message_list.rs`.
@@ -122,8 +122,10 @@ impl Refusal {
             Self::NoSamples | Self::InsufficientSamples { .. } => true,
             Self::Solve(error) => matches!(
                 error,
-                SolveError::TooFewSamples { part: SamplePart::Turns(_) | SamplePart::All, .. }
-                    | SolveError::NotAnEllipse(_)
+                SolveError::TooFewSamples {
+                    part: CollectionPart::LEFT | CollectionPart::RIGHT | CollectionPart::FREE,
+                    ..
+                } | SolveError::NotAnEllipse(_)
                     | SolveError::NotDetermined(_)
                     | SolveError::SamePlane
             ),

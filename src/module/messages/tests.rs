@@ -9,15 +9,14 @@ use crate::store::StoreError;
 use autoswing::acceptance::Rejection;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{
-    Axis, DetectedHardIronChange, HardIronTimeCourse, Manoeuvre, Orientation, SamplePart, Side, SolveError,
+    Axis, CollectionPart, DetectedHardIronChange, HardIronTimeCourse, Manoeuvre, Orientation, SolveError,
 };
 use autoswing::collection::CollectionProblem;
 use autoswing::instrument::{HardIronChange, InstallationChange, MountTurn};
 
-const ONE_SIDE_ONLY: CollectionProblem = CollectionProblem::OneSideOnly(Side::Left);
-const TOO_FEW_SAMPLES: SolveError =
-    SolveError::TooFewSamples { part: SamplePart::Turns(Side::Left), have: 8, need: 12 };
-const TOO_FEW_MARKS: SolveError = SolveError::TooFewSamples { part: SamplePart::Marks, have: 3, need: 4 };
+const ONE_SIDE_ONLY: CollectionProblem = CollectionProblem::OneSideOnly(CollectionPart::LEFT);
+const TOO_FEW_SAMPLES: SolveError = SolveError::TooFewSamples { part: CollectionPart::LEFT, have: 8, need: 12 };
+const TOO_FEW_MARKS: SolveError = SolveError::TooFewSamples { part: CollectionPart::MARKS, have: 3, need: 4 };
 const TOO_FEW_HELD_BACK: Rejection = Rejection::TooFewHeldBack { have: 5, need: 8 };
 const NOT_ACCURATE: Rejection = Rejection::NotAccurate { expected_rms_deg: 4.26 };
 
@@ -70,9 +69,12 @@ fn known_causes() -> Vec<ExpectedRefusal> {
         (SampleIntervalTooLong { interval_s: 1.04 }, &["every 1.0 s, too slow for turns; send field and attitude ten"]),
         (NoTilt { max_tilt_deg: 0.44 }, &["tilts by 0.4 deg at most; tilt by 15 deg", "radians for degrees?"]),
         (InsufficientBank { max_tilt_deg: 6.3 }, &["too little bank, 6.3 deg at most; fly turns at 15 deg of bank"]),
-        (OneSideOnly(Side::Left), &["only left turns were flown; fly right turns, too"]),
-        (OneSideOnly(Side::Right), &["only right turns were flown; fly left turns, too"]),
-        (ArcOnly { side: Side::Right, sectors: 5 }, &["the right turns went through 5 of 12", "; fly full circles"]),
+        (OneSideOnly(CollectionPart::LEFT), &["only left turns were flown; fly right turns, too"]),
+        (OneSideOnly(CollectionPart::RIGHT), &["only right turns were flown; fly left turns, too"]),
+        (
+            ArcOnly { part: CollectionPart::RIGHT, sectors: 5 },
+            &["the right turns went through 5 of 12", "; fly full circles"],
+        ),
         (MissingManoeuvre(Manoeuvre::YawTurn), &["missing: turn once round, level"]),
     ];
     let losses: [(SampleLoss, &[&str]); 3] = [
@@ -92,8 +94,8 @@ fn known_causes() -> Vec<ExpectedRefusal> {
 
 fn solve_errors() -> Vec<ExpectedRefusal> {
     let axis_stuck = SolveError::AxisStuck { axis: Axis::Y };
-    let not_an_ellipse = SolveError::NotAnEllipse(SamplePart::Turns(Side::Right));
-    let not_determined = SolveError::NotDetermined(SamplePart::Marks);
+    let not_an_ellipse = SolveError::NotAnEllipse(CollectionPart::RIGHT);
+    let not_determined = SolveError::NotDetermined(CollectionPart::MARKS);
     let too_few_headings = SolveError::TooFewHeadings { have: 4, need: 5 };
     let mount_contradicted = SolveError::MountContradicted { found: Orientation::from_name("yaw90").unwrap() };
     let inclination_contradicted = SolveError::InclinationContradicted { found_deg: -62 };
@@ -340,16 +342,16 @@ fn the_direction_of_a_hard_iron_change_is_its_largest_axis() {
 /// Arcs alone explain an estimated mounting or turn direction, because they leave the coefficients undetermined.
 #[test]
 fn a_cause_explains_only_refusals_for_missing_samples() {
-    let arc = CollectionProblem::ArcOnly { side: Side::Left, sectors: 2 };
+    let arc = CollectionProblem::ArcOnly { part: CollectionPart::LEFT, sectors: 2 };
     let not_better = Rejection::NotBetter { candidate_score: 1.0, incumbent_score: 0.5 };
     let mount_contradicted = SolveError::MountContradicted { found: Orientation::IDENTITY_ROTATION };
     for (refusal, is_explained, is_explained_by_arc) in [
         (Refusal::NoSamples, true, true),
         (Refusal::Solve(TOO_FEW_SAMPLES), true, true),
-        (Refusal::Solve(SolveError::TooFewSamples { part: SamplePart::All, have: 8, need: 12 }), true, true),
+        (Refusal::Solve(SolveError::TooFewSamples { part: CollectionPart::FREE, have: 8, need: 12 }), true, true),
         (Refusal::Solve(SolveError::SamePlane), true, true),
-        (Refusal::Solve(SolveError::NotAnEllipse(SamplePart::Turns(Side::Left))), true, true),
-        (Refusal::Solve(SolveError::NotDetermined(SamplePart::All)), true, true),
+        (Refusal::Solve(SolveError::NotAnEllipse(CollectionPart::LEFT)), true, true),
+        (Refusal::Solve(SolveError::NotDetermined(CollectionPart::FREE)), true, true),
         (Refusal::Rejected(TOO_FEW_HELD_BACK), true, true),
         (Refusal::Rejected(NOT_ACCURATE), true, true),
         (Refusal::Rejected(Rejection::Unobservable), true, true),

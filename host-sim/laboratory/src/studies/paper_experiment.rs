@@ -80,7 +80,9 @@ impl MethodErrors {
 pub fn method_errors(experiment: PaperExperiment) -> Result<[MethodErrors; 5], SolveError> {
     let table = Table1Experiment { airframe: Airframe::of_table1(), earth: Earth::default() };
     let (left_turns, right_turns) = table.measure_turns(experiment);
-    let turns = [&left_turns[..], &right_turns].concat();
+    let mut turns = [&left_turns[..], &right_turns].concat();
+    // At equal times in an arbitrary order, so that every other sample is not of one side.
+    turns.sort_by_key(|sample| (sample.time.as_ms(), sample.field.ut.x.to_bits().reverse_bits()));
     let samples_by_side = Samples::new(&turns);
     let marks = Table1Experiment::heading_marks(experiment, &left_turns, &right_turns);
     let swing = Samples::default().with_marks(&marks);

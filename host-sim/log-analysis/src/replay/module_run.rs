@@ -1,7 +1,7 @@
 //! Drives the module's state machine with the samples of a log, as its tasks do, and takes its result.
 
 use autoswing::acceptance::AcceptancePolicy;
-use autoswing::calibration::method_selection::{Procedure, SelectedParts};
+use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Sample, Solution};
 use autoswing::collection::{Collector, RetainedSamples};
 use autoswing::reading::{Identity, MagnetometerModel};
@@ -93,12 +93,11 @@ impl<'a> ModuleRun<'a> {
     }
 
     fn run_outcome(&self) -> RunOutcome {
-        let collector = self.compass.collector();
-        let selection = SelectedParts::new(collector.fit_samples(), collector.procedure());
+        let [fit_samples, _] = self.compass.collector().selected_samples();
         RunOutcome {
             solution: self.candidate,
             acceptance: self.outcome.clone().unwrap_or(Err(Refusal::NoSamples)),
-            fitted_count: selection.select_samples(collector.fit_samples()).all_samples().count(),
+            fitted_count: fit_samples.all_samples().count(),
             collection_end_s: self.ended_s,
         }
     }

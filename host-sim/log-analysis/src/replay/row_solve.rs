@@ -1,10 +1,10 @@
 //! Solves of a log's rows without the module's trial solves and automatic end.
 
-use autoswing::calibration::method_selection::{self, Procedure, SelectedParts};
+use autoswing::calibration::method_selection::{self, Procedure};
 use autoswing::calibration::{
     Advice, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve_samples,
 };
-use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY_PER_SIDE, LevelLimits, RetainedSamples};
+use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY_PER_SIDE, LEVEL_ROLL_RAD, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
 use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
@@ -73,9 +73,7 @@ pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> RunOu
     for &sample in samples {
         collector.push_sample(sample);
     }
-    let selection = SelectedParts::new(collector.fit_samples(), procedure);
-    let parts =
-        [collector.fit_samples(), collector.held_back_samples()].map(|samples| selection.select_samples(samples));
+    let parts = collector.selected_samples();
     let solve_result = method_selection::select_method(collector.fit_samples(), procedure)
         .and_then(|method| solve_samples(method, parts[0], prior));
     RunOutcome::new(&solve_result, parts, collector.collection_problem())
@@ -108,17 +106,14 @@ pub(super) fn sample_time_s(sample: &Sample) -> f64 {
 
 /// Samples assigned to turns and level flight by their bank.
 fn assign_collection_parts(samples: &[Sample]) -> Vec<Sample> {
-    let limit_rad = LevelLimits::DEFAULT.level_roll_rad;
     let part_of = |roll_rad: f32| match roll_rad {
-        roll_rad if roll_rad < -limit_rad => Some(CollectionPart::LEFT),
-        roll_rad if roll_rad > limit_rad => Some(CollectionPart::RIGHT),
-        roll_rad => (roll_rad.abs() <= limit_rad).then_some(CollectionPart::LEVEL),
+        roll_rad if roll_rad < -LEVEL_ROLL_RAD => Some(CollectionPart::LEFT),
+        roll_rad if roll_rad > LEVEL_ROLL_RAD => Some(CollectionPart::RIGHT),
+        roll_rad => (roll_rad.abs() <= LEVEL_ROLL_RAD).then_some(CollectionPart::LEVEL),
     };
     let assigned =
         samples.iter().filter_map(|sample| Some(Sample { part: part_of(sample.attitude.roll_rad)?, ..*sample }));
-    let mut ordered: Vec<Sample> = assigned.collect();
-    ordered.sort_by_key(|sample| sample.part);
-    ordered
+    assigned.collect()
 }
 
 #[cfg(test)]
@@ -158,12 +153,14 @@ mod tests {
     /// Turns begin beyond the bank of level flight, to the left and to the right.
     #[test]
     fn samples_are_assigned_to_turns_by_their_bank() {
-        let limit_deg = LevelLimits::DEFAULT.level_roll_rad.to_degrees();
+        let limit_deg = LEVEL_ROLL_RAD.to_degrees();
         let rolls_deg = [limit_deg + 0.1, limit_deg - 0.1, f32::NAN, -limit_deg - 0.1, 0.1 - limit_deg];
-        let parts = [CollectionPart::LEFT, CollectionPart::LEVEL, CollectionPart::LEVEL, CollectionPart::RIGHT];
-        let mut expected =
-            [(parts[0], rolls_deg[3]), (parts[1], rolls_deg[1]), (parts[2], rolls_deg[4]), (parts[3], rolls_deg[0])];
-        expected.sort_by_key(|(part, _)| *part);
+        let expected = [
+            (CollectionPart::RIGHT, rolls_deg[0]),
+            (CollectionPart::LEVEL, rolls_deg[1]),
+            (CollectionPart::LEFT, rolls_deg[3]),
+            (CollectionPart::LEVEL, rolls_deg[4]),
+        ];
         let assigned = assign_collection_parts(&rolls_deg.map(|roll_deg| sample_at(0.0, roll_deg)));
         let found: Vec<_> = assigned.iter().map(|sample| (sample.part, sample.attitude)).collect();
         assert_eq!(found, expected.map(|(part, roll_deg)| (part, RollPitch::from_deg(roll_deg, 0.0))));

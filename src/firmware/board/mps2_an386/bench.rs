@@ -378,6 +378,8 @@ impl BenchTurns {
         for (side, part) in [(-1.0, CollectionPart::LEFT), (1.0, CollectionPart::RIGHT)] {
             turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..bench_sample(side, i, &mut noise) }));
         }
+        // At equal times in an arbitrary order, so that every other sample is not of one side.
+        turns.sort_unstable_by_key(|sample| (sample.time.as_ms(), sample.field.ut.x.to_bits().reverse_bits()));
         Self(turns)
     }
 

@@ -40,7 +40,7 @@ fn every_command_is_parsed() {
         ("cal mark 12.5", Command::CalMark(12.5)),
         ("cal stop", Command::CalStop),
         ("cal solve", Command::CalSolve(None)),
-        ("cal solve two-plane", Command::CalSolve(Some(Method::TwoPlane))),
+        ("cal solve four-ellipse", Command::CalSolve(Some(Method::FourEllipse))),
         ("cal advise", Command::CalAdvise),
         ("cal clear all", Command::CalClear),
         ("cal undo", Command::CalUndo),

@@ -8,9 +8,9 @@
 use nalgebra::{Matrix3, Vector3, Vector4};
 
 use super::starting_point::{SensorResponse, inclination_tangent};
-use crate::calibration::linear_algebra::least_squares::LeastSquares;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::samples::{HeadingMark, SamplePart};
+use crate::calibration::linear_algebra::LeastSquares;
+use crate::calibration::types::quality::SolveError;
+use crate::calibration::types::samples::{CollectionPart, HeadingMark};
 use crate::frames::Field;
 use crate::trig;
 use crate::trig::sqrt;
@@ -34,8 +34,8 @@ pub(in crate::calibration) fn solve_compass_swing(
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    SolveError::require_samples(SamplePart::Marks, marks.len(), MIN_MARKS)?;
-    let h0_ut = estimate_horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(SamplePart::Marks))?;
+    SolveError::require_samples(CollectionPart::MARKS, marks.len(), MIN_MARKS)?;
+    let h0_ut = estimate_horizontal_ut(marks, rotation).ok_or(SolveError::NotDetermined(CollectionPart::MARKS))?;
     let candidates_rad = INCLINATIONS_DEG.map(f32::to_radians);
     let inclinations_rad = inclination_rad.as_ref().map_or(&candidates_rad[..], core::slice::from_ref);
     inclinations_rad
@@ -43,7 +43,7 @@ pub(in crate::calibration) fn solve_compass_swing(
         .filter_map(|&inclination_rad| fit_response(marks, rotation, inclination_tangent(inclination_rad), h0_ut))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, response)| response)
-        .ok_or(SolveError::NotDetermined(SamplePart::Marks))
+        .ok_or(SolveError::NotDetermined(CollectionPart::MARKS))
 }
 
 /// Horizontal field strength, from a regression of the horizontal axes without vertical field.
@@ -159,7 +159,7 @@ mod tests {
             (0..12).map(mark).collect()
         };
         assert!(solve_compass_swing(&scaled(3.0), &Matrix3::identity(), None).is_ok());
-        let open = Err(SolveError::NotDetermined(SamplePart::Marks));
+        let open = Err(SolveError::NotDetermined(CollectionPart::MARKS));
         assert_eq!(solve_compass_swing(&scaled(0.3), &Matrix3::identity(), None).map(|_| ()), open);
         assert_eq!(solve_compass_swing(&[test_marks(60.0, 0.0)[2]; 6], &Matrix3::identity(), None).map(|_| ()), open);
     }

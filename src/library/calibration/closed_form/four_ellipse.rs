@@ -17,8 +17,8 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use super::level_ellipse::EllipseMap;
 use super::starting_point::{SensorResponse, inclination_tangent};
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres};
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
+use crate::calibration::types::quality::SolveError;
+use crate::calibration::types::samples::{CollectionPart, Samples};
 
 /// Solves left and right turns; fields are rotated by `rotation` first. The vertical field is estimated from the two
 /// turns unless an inclination (radians) is given.
@@ -32,8 +32,8 @@ pub(in crate::calibration) fn solve_four_ellipse(
     rotation: &Matrix3<f32>,
     inclination_rad: Option<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left_figures = TurnEllipsePair::new(samples.samples_of_turn(Side::Left), rotation, Side::Left, -1.0)?;
-    let right_figures = TurnEllipsePair::new(samples.samples_of_turn(Side::Right), rotation, Side::Right, 1.0)?;
+    let left_figures = TurnEllipsePair::new(samples, rotation, CollectionPart::LEFT, -1.0)?;
+    let right_figures = TurnEllipsePair::new(samples, rotation, CollectionPart::RIGHT, 1.0)?;
     left_figures.bank.sine_of_difference(right_figures.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
     let banks = Matrix3::new(
@@ -81,9 +81,14 @@ struct TurnEllipsePair {
 
 impl TurnEllipsePair {
     /// `up_sign`: 1, or -1 to negate the up axis in its figure.
-    fn new(samples: &[Sample], rotation: &Matrix3<f32>, side: Side, up_sign: f32) -> Result<Self, SolveError> {
-        let part = SamplePart::Turns(side);
-        SolveError::require_samples(part, samples.len(), MIN_SAMPLES)?;
+    fn new(
+        turns: Samples<'_>,
+        rotation: &Matrix3<f32>,
+        part: CollectionPart,
+        up_sign: f32,
+    ) -> Result<Self, SolveError> {
+        let samples = turns.samples_of_part(part);
+        SolveError::require_samples(part, samples.iter().count(), MIN_SAMPLES)?;
         let fields = samples.iter().map(|sample| rotation * sample.field.ut);
         let not_an_ellipse = SolveError::NotAnEllipse(part);
         let xy = EllipseMap::fit_ellipse_map(fields.clone().map(|f| Vector2::new(f.x, -f.z * up_sign)))

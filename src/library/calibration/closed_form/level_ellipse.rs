@@ -9,9 +9,9 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::conic::fit_conic;
 use super::starting_point::SensorResponse;
-use crate::calibration::linear_algebra::least_squares::LeastSquares;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::samples::{SamplePart, Samples};
+use crate::calibration::linear_algebra::LeastSquares;
+use crate::calibration::types::quality::SolveError;
+use crate::calibration::types::samples::{CollectionPart, Samples};
 use crate::trig;
 use crate::trig::sqrt;
 
@@ -83,19 +83,19 @@ pub(in crate::calibration) fn solve_level_ellipse(
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
     let mount_fields = samples.all_samples().map(|sample| rotation * sample.field.ut);
-    SolveError::require_samples(SamplePart::Level, mount_fields.clone().count(), MIN_SAMPLES)?;
+    SolveError::require_samples(CollectionPart::LEVEL, mount_fields.clone().count(), MIN_SAMPLES)?;
     let ellipse_map = EllipseMap::fit_ellipse_map(mount_fields.clone().map(|f| f.xy()))
-        .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
+        .ok_or(SolveError::NotAnEllipse(CollectionPart::LEVEL))?;
     let vertical_ut = sqrt(ellipse_map.map_ut.determinant().abs());
     if vertical_ut.is_nan() || vertical_ut < MIN_RADIUS_UT {
-        return Err(SolveError::NotAnEllipse(SamplePart::Level));
+        return Err(SolveError::NotAnEllipse(CollectionPart::LEVEL));
     }
     let headings = ellipse_map.count_headings(mount_fields.clone().map(|f| f.xy()));
     if headings < MIN_HEADINGS {
         return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
     }
     let vertical = VerticalAxisFit::fit_vertical_axis(&ellipse_map, mount_fields, vertical_ut)
-        .ok_or(SolveError::NotAnEllipse(SamplePart::Level))?;
+        .ok_or(SolveError::NotAnEllipse(CollectionPart::LEVEL))?;
     let map = ellipse_map.map_ut;
     let [x, y] = vertical.horizontal_response_ut;
     #[rustfmt::skip]
@@ -189,8 +189,8 @@ mod tests {
         let arc: Vec<f32> = (0..60_u8).map(|i| 1.0 + f32::from(i) * 2.0).collect();
         let (five_legs, four_legs) = (legs(&[7.0, 80.0, 150.0, 220.0, 295.0]), legs(&[7.0, 97.0, 187.0, 277.0]));
         let too_few_headings = Err(SolveError::TooFewHeadings { have: 4, need: 5 });
-        let no_ellipse = Err(SolveError::NotAnEllipse(SamplePart::Level));
-        let too_few_samples = Err(SolveError::TooFewSamples { part: SamplePart::Level, have: 7, need: 8 });
+        let no_ellipse = Err(SolveError::NotAnEllipse(CollectionPart::LEVEL));
+        let too_few_samples = Err(SolveError::TooFewSamples { part: CollectionPart::LEVEL, have: 7, need: 8 });
         for (name, headings_deg, scale, expected) in [
             ("a circle", evenly_spaced_deg(24), 1.0, Ok(())),
             ("eight samples", evenly_spaced_deg(8), 1.0, Ok(())),
@@ -240,7 +240,7 @@ mod tests {
         assert!(solve_level(&samples_with_z(2_000.0)).is_ok());
         assert_eq!(
             solve_level(&samples_with_z(50_000.0)).map(|_| ()),
-            Err(SolveError::NotAnEllipse(SamplePart::Level))
+            Err(SolveError::NotAnEllipse(CollectionPart::LEVEL))
         );
     }
 }

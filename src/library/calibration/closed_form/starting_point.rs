@@ -2,8 +2,7 @@
 
 use nalgebra::{Matrix3, SVector, Vector3, Vector4};
 
-use crate::calibration::linear_algebra::least_squares::LeastSquares;
-use crate::calibration::linear_algebra::matrix::inverse;
+use crate::calibration::linear_algebra::{LeastSquares, inverse};
 use crate::calibration::types::samples::{Sample, Samples};
 use crate::frames::Field;
 use crate::trig;

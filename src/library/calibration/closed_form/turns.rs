@@ -3,9 +3,8 @@
 
 use nalgebra::Vector3;
 
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::samples::{Sample, Samples, Side};
-use crate::calibration::types::time_order::TimeOrdered;
+use crate::calibration::types::quality::SolveError;
+use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::frames::wrap_pi;
 use crate::trig;
 
@@ -26,8 +25,9 @@ pub(in crate::calibration) struct MeanBank {
 }
 
 impl MeanBank {
-    pub fn from_samples(samples: &[Sample]) -> Self {
-        let mean_rad = samples.iter().map(|sample| sample.attitude.roll_rad).sum::<f32>() / samples.len().max(1) as f32;
+    pub fn from_samples(samples: Samples<'_>) -> Self {
+        let roll_sum_rad = samples.iter().map(|sample| sample.attitude.roll_rad).sum::<f32>();
+        let mean_rad = roll_sum_rad / samples.iter().count().max(1) as f32;
         let (sin, cos) = trig::sin_cos(mean_rad);
         Self { sin, cos }
     }
@@ -68,22 +68,20 @@ impl TurnCentres {
     }
 }
 
-/// Total change of an angle in the direction of the turn, radians: positive if it increases in right turns and
-/// decreases in left ones. 0 if the samples are too far apart.
+/// Total change of an angle in the turns of a part, in their direction, radians: positive if it increases in right turns
+/// and decreases in left ones. 0 if the samples are too far apart.
 pub(in crate::calibration) fn turn_progress_rad(
-    samples: &[Sample],
-    side: Side,
+    samples: Samples<'_>,
+    part: CollectionPart,
     angle_rad: impl Fn(&Sample) -> f32,
 ) -> f32 {
-    let progress_rad: f32 = samples
-        .array_windows()
-        .filter(|[a, b]| b.time.ms_since(a.time) <= MAX_GAP_MS)
-        .map(|[a, b]| wrap_pi(angle_rad(b) - angle_rad(a)))
+    let turn = || samples.samples_of_part(part).iter();
+    let progress_rad: f32 = turn()
+        .zip(turn().skip(1))
+        .filter(|(a, b)| b.time.ms_since(a.time) <= MAX_GAP_MS)
+        .map(|(a, b)| wrap_pi(angle_rad(b) - angle_rad(a)))
         .sum();
-    match side {
-        Side::Left => -progress_rad,
-        Side::Right => progress_rad,
-    }
+    if part == CollectionPart::LEFT { -progress_rad } else { progress_rad }
 }
 
 /// Maximum time between neighbours for the direction of turn by gyro, milliseconds: shorter than yaw oscillations.
@@ -100,7 +98,7 @@ pub(in crate::calibration) fn turn_progress_by_rates_rad(
 ) -> Option<f32> {
     let (mut progress_rad, mut turned_rad) = (0.0, 0.0);
     let mut previous: Option<&Sample> = None;
-    for (_, sample) in TimeOrdered::new(samples) {
+    for sample in samples.iter() {
         if let Some(previous) = previous.replace(sample)
             && sample.time.ms_since(previous.time) <= MAX_RATES_GAP_MS
         {
@@ -128,18 +126,22 @@ mod tests {
         Sample { time: WrappingMillis::new(millis), ..Sample::new(field, RollPitch::from_deg(roll_deg, 3.0)) }
     }
 
+    fn mean_bank(rolls_deg: &[f32]) -> MeanBank {
+        let samples: Vec<Sample> = rolls_deg.iter().map(|roll_deg| turn_sample(*roll_deg, 0.0, 0)).collect();
+        MeanBank::from_samples(Samples::new(&samples))
+    }
+
     #[test]
     fn the_bank_of_a_turn_is_the_mean() {
-        let bank =
-            MeanBank::from_samples(&[turn_sample(20.0, 0.0, 0), turn_sample(40.0, 0.0, 0), turn_sample(30.0, 0.0, 0)]);
+        let bank = mean_bank(&[20.0, 40.0, 30.0]);
         assert!((bank.sin - 0.5).abs() < 1e-6 && (bank.cos - 0.866_025_4).abs() < 1e-6, "{bank:?}");
-        let none = MeanBank::from_samples(&[]);
+        let none = mean_bank(&[]);
         assert!(none.sin.abs() < 1e-6 && (none.cos - 1.0).abs() < 1e-6, "{none:?}");
     }
 
     #[test]
     fn the_planes_of_two_turns_are_as_far_apart_as_their_banks() {
-        let bank = |roll_deg| MeanBank::from_samples(&[turn_sample(roll_deg, 0.0, 0)]);
+        let bank = |roll_deg| mean_bank(&[roll_deg]);
         for (left_deg, right_deg, expected) in [
             (-25.0, 25.0, Ok(0.766_044)),
             (25.0, -5.0, Ok(-0.5)),
@@ -170,19 +172,20 @@ mod tests {
         }
     }
 
-    fn heading_progress_rad(side: Side, samples: &[(u32, f32)]) -> f32 {
-        let samples: Vec<Sample> = samples.iter().map(|&(millis, x_ut)| turn_sample(0.0, x_ut, millis)).collect();
-        turn_progress_rad(&samples, side, |s| s.field.ut.x)
+    fn heading_progress_rad(part: CollectionPart, samples: &[(u32, f32)]) -> f32 {
+        let turn_sample = |&(millis, x_ut): &(u32, f32)| Sample { part, ..turn_sample(0.0, x_ut, millis) };
+        let samples: Vec<Sample> = samples.iter().map(turn_sample).collect();
+        turn_progress_rad(Samples::new(&samples), part, |s| s.field.ut.x)
     }
 
     #[test]
     fn heading_progress_is_positive_along_the_turn_of_either_side() {
         let up = [(0, 1.0), (500, 1.5), (1000, 2.75)];
-        assert!((heading_progress_rad(Side::Right, &up) - 1.75).abs() < 1e-6);
-        assert!((heading_progress_rad(Side::Left, &up) + 1.75).abs() < 1e-6);
-        assert!((heading_progress_rad(Side::Right, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
+        assert!((heading_progress_rad(CollectionPart::RIGHT, &up) - 1.75).abs() < 1e-6);
+        assert!((heading_progress_rad(CollectionPart::LEFT, &up) + 1.75).abs() < 1e-6);
+        assert!((heading_progress_rad(CollectionPart::RIGHT, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
         for samples in [&[][..], &[(0, 1.0)]] {
-            assert!(heading_progress_rad(Side::Left, samples).abs() < 1e-9);
+            assert!(heading_progress_rad(CollectionPart::LEFT, samples).abs() < 1e-9);
         }
     }
 
@@ -231,7 +234,7 @@ mod tests {
             (&[(3100, 1.0), (100, 2.0)], 0.0),
             (&[(0, 0.0), (9000, 1.0), (9500, 1.25)], 0.25),
         ] {
-            let found_rad = heading_progress_rad(Side::Right, samples);
+            let found_rad = heading_progress_rad(CollectionPart::RIGHT, samples);
             assert!((found_rad - expected_rad).abs() < 1e-6, "{samples:?}: {found_rad}");
         }
     }

@@ -18,8 +18,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::conic::Ellipse;
 use super::starting_point::SensorResponse;
 use super::turns::{MIN_SAMPLES, MeanBank, TurnCentres, turn_progress_rad};
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
+use crate::calibration::types::quality::SolveError;
+use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::trig::VectorLength as _;
 
 /// Minimum sine of the angle between the planes; below it their intersection is noise.
@@ -35,8 +35,8 @@ pub(in crate::calibration) fn solve_two_plane(
     turns: Samples<'_>,
     rotation: &Matrix3<f32>,
 ) -> Result<SensorResponse, SolveError> {
-    let left_turn = TurnEllipse::new(turns.samples_of_turn(Side::Left), rotation, Side::Left)?;
-    let right_turn = TurnEllipse::new(turns.samples_of_turn(Side::Right), rotation, Side::Right)?;
+    let left_turn = TurnEllipse::new(turns, rotation, CollectionPart::LEFT)?;
+    let right_turn = TurnEllipse::new(turns, rotation, CollectionPart::RIGHT)?;
     let roll_axis_response = left_turn.ellipse.normal.cross(&right_turn.ellipse.normal);
     if roll_axis_response.vector_length() < MIN_SINE_BETWEEN_PLANES {
         return Err(SolveError::SamePlane);
@@ -65,24 +65,25 @@ pub(in crate::calibration) fn solve_two_plane(
 }
 
 struct TurnEllipse<'a> {
-    samples: &'a [Sample],
+    samples: Samples<'a>,
     rotation: &'a Matrix3<f32>,
-    side: Side,
+    part: CollectionPart,
     ellipse: Ellipse,
     bank: MeanBank,
 }
 
 impl<'a> TurnEllipse<'a> {
-    fn new(samples: &'a [Sample], rotation: &'a Matrix3<f32>, side: Side) -> Result<Self, SolveError> {
-        SolveError::require_samples(SamplePart::Turns(side), samples.len(), MIN_SAMPLES)?;
-        let ellipse = Ellipse::fit_ellipse(samples, rotation, side)?;
-        Ok(Self { samples, rotation, side, ellipse, bank: MeanBank::from_samples(samples) })
+    fn new(turns: Samples<'a>, rotation: &'a Matrix3<f32>, part: CollectionPart) -> Result<Self, SolveError> {
+        let samples = turns.samples_of_part(part);
+        SolveError::require_samples(part, samples.iter().count(), MIN_SAMPLES)?;
+        let ellipse = Ellipse::fit_ellipse(samples, rotation, part)?;
+        Ok(Self { samples, rotation, part, ellipse, bank: MeanBank::from_samples(samples) })
     }
 
     fn conjugate_semi_axis_ut(&self, u_ut: &Vector3<f32>) -> Vector3<f32> {
         let v_ut = self.ellipse.conjugate_semi_axis_ut(u_ut);
         let phase = |sample: &Sample| self.ellipse.phase_rad(&(self.rotation * sample.field.ut), u_ut, &v_ut);
-        if turn_progress_rad(self.samples, self.side, phase) >= 0.0 { v_ut } else { -v_ut }
+        if turn_progress_rad(self.samples, self.part, phase) >= 0.0 { v_ut } else { -v_ut }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Linearised problem: information, gradient and cost of all samples and priors at one set of unknowns.
 
 use super::information_matrix::InformationMatrix;
-use crate::calibration::linear_algebra::least_squares::LeastSquares;
+use crate::calibration::linear_algebra::LeastSquares;
 use crate::calibration::model::{
     JacobianRow, Likelihood, ModelParameters, ResidualEquation, SampleEquations, UNKNOWN_COUNT, Vector13,
     for_each_prior, scaled_unit_vector,

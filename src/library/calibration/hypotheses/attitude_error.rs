@@ -1,12 +1,12 @@
 //! A constant error of the attitude source: its effect, its assumed size, and its test.
 
 use super::score_test::ScoreTest;
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::SampleEquations;
 use crate::calibration::statistics::residuals::ResidualStatistics;
-use crate::calibration::types::consider_states::ConsiderSigmas;
-use crate::calibration::types::rates::AngleRates;
+use crate::calibration::types::quality::ConsiderSigmas;
+use crate::calibration::types::samples::AngleRates;
 use crate::frames::RollPitch;
 use crate::trig::sqrt;
 
@@ -26,7 +26,7 @@ pub(in crate::calibration) struct AttitudeError {
 pub(in crate::calibration) struct AttitudeState {
     pub attitude: RollPitch,
     pub rates: AngleRates,
-    /// [Lagged roll](super::lagging_bank_scale::LaggedRoll), radians.
+    /// [Lagged roll](super::attitude_error_table::LaggedRoll), radians.
     pub lagged_roll_rad: f32,
     /// Elapsed fraction of the flight, less 1/2.
     pub centred_flight_fraction: f32,

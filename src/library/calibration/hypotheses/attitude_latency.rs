@@ -13,7 +13,7 @@
 
 use super::attitude_error::AttitudeError;
 use super::score_test::{EfficientScore, ScoreTest};
-use crate::calibration::statistics::autocorrelation::Autocorrelation;
+use crate::calibration::statistics::residuals::Autocorrelation;
 use crate::calibration::types::quality::AttitudeLatency;
 use crate::trig::sqrt;
 

@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::calibration::linear_algebra::matrix::{inverse, multiply};
+use crate::calibration::linear_algebra::{inverse, multiply};
 use crate::calibration::model::{ModelParameters, SampleEquations};
 use crate::calibration::types::samples::Sample;
 use crate::trig::sqrt;

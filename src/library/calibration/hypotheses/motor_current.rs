@@ -11,7 +11,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::score_test::EfficientScore;
-use crate::calibration::linear_algebra::matrix::inverse;
+use crate::calibration::linear_algebra::inverse;
 use crate::calibration::model::Likelihood;
 use crate::trig::sqrt;
 

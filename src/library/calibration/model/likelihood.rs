@@ -15,17 +15,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::config::ModelConfig;
 use super::equations::{CLIPPED_MEAN_SQUARE, MeasuredSample, SampleEquations};
-use super::noise::NoiseModel;
-use super::parameters::ModelParameters;
+use super::noise::{ModelConfig, NoiseModel};
+use super::prediction::ModelParameters;
 use super::unknowns::{UNKNOWN_COUNT, Vector13};
 use crate::calibration::closed_form::starting_point::StartingPoint;
-use crate::calibration::linear_algebra::matrix::{matrix_rows, multiply};
-use crate::calibration::types::coefficients::Calibration;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::motor_current::MotorCurrentInterference;
-use crate::calibration::types::prior::Prior;
+use crate::calibration::linear_algebra::{matrix_rows, multiply};
+use crate::calibration::types::coefficients::{Calibration, MotorCurrentInterference, Prior};
+use crate::calibration::types::quality::SolveError;
 use crate::calibration::types::samples::{Sample, Samples};
 use crate::trig;
 use crate::trig::sqrt;

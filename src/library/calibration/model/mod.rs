@@ -1,21 +1,17 @@
 //! Statistical model of the samples: unknowns, predicted field, residuals, noise, priors.
 
-mod config;
 mod equations;
 mod likelihood;
 mod noise;
-mod parameters;
 mod prediction;
 mod priors;
 mod unknowns;
 
 pub(super) use {
-    config::ModelConfig,
     equations::{CLIPPED_MEAN_SQUARE, MeasuredSample, ResidualEquation, SampleEquations},
     likelihood::Likelihood,
-    noise::NoiseModel,
-    parameters::ModelParameters,
-    prediction::{heading_derivative_by_field, horizontal_squared},
+    noise::{ModelConfig, NoiseModel},
+    prediction::{ModelParameters, heading_derivative_by_field, horizontal_squared},
     priors::{PriorQuantity, for_each_prior, scaled_unit_vector},
     unknowns::{
         COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, UNKNOWN_COUNT, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector12,

@@ -2,9 +2,9 @@
 //! deviations for the airframes of UAVs. Liu 2007 has no priors.
 
 use super::likelihood::Likelihood;
-use super::parameters::ModelParameters;
+use super::prediction::ModelParameters;
 use super::unknowns::{INCLINATION_INDEX, JacobianRow, Vector13, corrected_mean_index, w_index};
-use crate::calibration::linear_algebra::matrix::inverse;
+use crate::calibration::linear_algebra::inverse;
 
 /// Linearised prior: `row . change = -residual`, with standard deviation `sigma`.
 #[derive(Clone, Debug)]

@@ -1,8 +1,8 @@
 //! Inclination of a solve: a given one (by a person or the field model) against that of the samples.
 
 use crate::calibration::assessment::Solution;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::prior::Prior;
+use crate::calibration::types::coefficients::Prior;
+use crate::calibration::types::quality::SolveError;
 use crate::trig::sqrt;
 
 /// Gate of the test of the configured inclination against the samples', sigmas.

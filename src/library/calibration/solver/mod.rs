@@ -1,8 +1,6 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-mod ellipsoid;
 mod inclination;
-mod refinement_start;
 mod sample_checks;
 mod solve_attempts;
 pub(in crate::calibration) mod stepwise_solver;

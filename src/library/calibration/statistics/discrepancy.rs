@@ -10,8 +10,7 @@
 //! Inclination residuals do not count: errors of the attitude source last for seconds, too, and have hypotheses.
 
 use crate::calibration::model::{NoiseModel, SampleEquations};
-use crate::calibration::types::samples::Sample;
-use crate::calibration::types::time_order::PART_COUNT;
+use crate::calibration::types::samples::{PART_COUNT, Sample};
 use crate::time::WrappingMillis;
 use crate::trig::sqrt;
 

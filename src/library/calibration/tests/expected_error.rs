@@ -3,7 +3,7 @@
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
-    Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Side, Solution, Solver, solve_samples,
+    Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Solution, Solver, solve_samples,
 };
 use crate::frames::{RollPitch, wrap_pi};
 
@@ -134,9 +134,10 @@ fn advice_starts_from_the_expected_error() {
                     && advice.weakest_deviation_deg < 1.2 * solution.quality.expected_worst_deg,
                 "seed {seed}: {advice:?}"
             );
-            match (samples.samples_of_turn(Side::Left).is_empty(), samples.samples_of_turn(Side::Right).is_empty()) {
-                (true, _) => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Left, _)), "{advice:?}"),
-                (_, true) => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(Side::Right, _)), "{advice:?}"),
+            let has_turns = |part| samples.samples_of_part(part).iter().next().is_some();
+            match CollectionPart::TURNS.map(has_turns) {
+                [false, _] => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(..0)), "{advice:?}"),
+                [_, false] => assert!(matches!(advice.manoeuvre, Manoeuvre::Circle(0..)), "{advice:?}"),
                 _ => {}
             }
         }

@@ -10,7 +10,7 @@ use super::synthetic::{
 };
 use crate::calibration::closed_form::starting_point::vertical_component_start;
 use crate::calibration::tests::{NO_PRIOR, harsh_airframe};
-use crate::calibration::{AngleRates, Method, Sample, SamplePart, Samples, Solution, SolveError, solve_samples};
+use crate::calibration::{AngleRates, CollectionPart, Method, Sample, Samples, Solution, SolveError, solve_samples};
 use crate::frames::{Field, RollPitch, wrap_pi};
 use crate::time::WrappingMillis;
 
@@ -175,7 +175,7 @@ fn straight_flight_determines_no_calibration() {
                 Sample { attitude, time: WrappingMillis::new(u32::from(i) * 1000), ..measured }
             })
             .collect();
-        let undetermined = Err(SolveError::NotDetermined(SamplePart::All));
+        let undetermined = Err(SolveError::NotDetermined(CollectionPart::FREE));
         assert_eq!(solve_free_flight(&samples).map(|_| ()), undetermined, "seed {seed}");
     }
 }

@@ -4,8 +4,7 @@ use core::f32::consts::TAU;
 
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, measured_sample, rms};
 use crate::calibration::tests::solve_turns;
-use crate::calibration::verification;
-use crate::calibration::{AngleRates, AttitudeLatency, Calibration, Sample};
+use crate::calibration::{AngleRates, AttitudeLatency, Calibration, Sample, verification};
 use crate::frames::{RollPitch, wrap_pi};
 
 /// Bank or pitch wander in light weather: sines of 2 to 6 s, radians.

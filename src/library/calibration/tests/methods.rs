@@ -12,8 +12,8 @@ use super::{NO_PRIOR, harsh_airframe};
 use crate::calibration::closed_form::four_ellipse;
 use crate::calibration::method_selection::{Procedure, select_method};
 use crate::calibration::{
-    AttitudeEnvelope, ConsiderSigmas, HeadingMark, Method, Prior, Quality, SamplePart, Samples, Solution, SolveError,
-    Solver, solve_samples,
+    AttitudeEnvelope, CollectionPart, ConsiderSigmas, HeadingMark, Method, Prior, Quality, Samples, Solution,
+    SolveError, Solver, solve_samples,
 };
 use crate::frames::{Field, RollPitch};
 
@@ -187,7 +187,7 @@ fn turns_do_not_determine_an_ellipsoid() {
         let airframe = Airframe::random(&mut random, 0.2, 1.5, 5.0, [-60.0, 60.0]);
         let recorded = Flight { wander_deg: 0.5, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let result = solve_samples(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
-        let open = matches!(result, Err(SolveError::NotDetermined(SamplePart::All) | SolveError::NotConverged));
+        let open = matches!(result, Err(SolveError::NotDetermined(CollectionPart::FREE) | SolveError::NotConverged));
         assert!(open, "seed {seed}: {:?}", result.map(|s| s.quality));
     }
 }

@@ -5,9 +5,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::synthetic::{Airframe, Flight, Random, RecordedTurns, mean, random_vector, rms, samples_in_mount};
 use crate::calibration::hypotheses::motor_current::{InterferenceEstimate, MAX_UPDATES};
 use crate::calibration::tests::{NO_PRIOR, solve_turns};
-use crate::calibration::verification;
 use crate::calibration::{
     Calibration, Method, MotorCurrent, MotorCurrentInterference, Orientation, Prior, Samples, Solution, solve_samples,
+    verification,
 };
 use crate::frames::Field;
 

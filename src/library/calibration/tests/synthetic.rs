@@ -8,7 +8,7 @@ pub use testkit::random::Random;
 
 use autoswing::calibration::{
     AngleRates, AttitudeEnvelope, Calibration, CollectionPart, HeadingMark, Method, Orientation, Quality, Sample,
-    Samples, Side, Solution,
+    Samples, Solution,
 };
 use autoswing::frames::{Field, Level, RollPitch, Sensor, wrap_pi};
 use autoswing::time::WrappingMillis;
@@ -259,15 +259,11 @@ impl Flight {
     pub fn fly(&self, airframe: &Airframe, random: &mut Random) -> RecordedTurns {
         let bias =
             RollPitch::from_deg(random.normal() * self.attitude_bias_deg, random.normal() * self.attitude_bias_deg);
-        RecordedTurns {
-            left: self.turn(airframe, random, Side::Left, bias),
-            right: self.turn(airframe, random, Side::Right, bias),
-        }
+        RecordedTurns { left: self.turn(airframe, random, -1.0, bias), right: self.turn(airframe, random, 1.0, bias) }
     }
 
-    fn turn(&self, airframe: &Airframe, random: &mut Random, side: Side, bias: RollPitch) -> Vec<Sample> {
+    fn turn(&self, airframe: &Airframe, random: &mut Random, sign: f32, bias: RollPitch) -> Vec<Sample> {
         const STEP_S: f32 = 0.5;
-        let sign = if side == Side::Left { -1.0 } else { 1.0 };
         let mut attitude_noise = [0, 1].map(|_| GaussMarkov::new(random, self.wander_deg, 1.5, STEP_S));
         let mut noise = [0, 1].map(|_| GaussMarkov::new(random, self.attitude_noise_deg, 0.5, STEP_S));
         let mut heading_rad = random.uniform(0.0, TAU);
@@ -313,11 +309,17 @@ pub struct Parts<'a> {
 }
 
 impl Parts<'_> {
-    /// View of leaked copies of the samples.
+    /// View of leaked copies of the samples, in order of time. At equal times in an arbitrary order, so that every other
+    /// sample is not of one side.
     pub fn samples(self) -> Samples<'static> {
         let parts = CollectionPart::ALL_PARTS.into_iter().zip([self.left, self.right, self.level, self.free]);
-        let ordered: Vec<Sample> =
+        let mut ordered: Vec<Sample> =
             parts.flat_map(|(part, samples)| samples.iter().map(move |sample| Sample { part, ..*sample })).collect();
+        if let Some(first) = ordered.first().map(|sample| sample.time) {
+            ordered.sort_by_key(|sample| {
+                (sample.time.signed_ms_since(first), sample.attitude.pitch_rad.to_bits().reverse_bits())
+            });
+        }
         Samples::new(ordered.leak()).with_marks(self.marks.to_vec().leak())
     }
 }

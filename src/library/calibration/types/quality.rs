@@ -1,7 +1,9 @@
-//! Expected quality of a calibration.
+//! Methods, expected quality, findings and errors of a solve.
 
-use super::method::Method;
-use super::samples::{Sample, Samples};
+use core::fmt;
+
+use super::coefficients::Orientation;
+use super::samples::{CollectionPart, Sample, Samples};
 use crate::frames::RollPitch;
 
 /// Expected quality of a calibration.
@@ -83,5 +85,243 @@ impl AttitudeEnvelope {
             Self::Banked => &[-30.0, 0.0, 30.0],
             Self::Level => &[0.0],
         }
+    }
+}
+
+/// Calibration method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Method {
+    /// One ellipse, fitted to level flight.
+    Level,
+    /// The method of Liu 2007 from a left and a right turn.
+    FourEllipse,
+    /// Closed form from the planes of a left and a right turn.
+    TwoPlane,
+    /// Maximum likelihood with per-sample attitude.
+    MaximumLikelihood,
+    /// Regression on given headings.
+    CompassSwing,
+    /// Tumbling without attitude.
+    Ellipsoid,
+}
+
+impl Method {
+    /// Name shown to users, in JSON and in `cal solve`.
+    #[must_use]
+    pub const fn method_name(self) -> &'static str {
+        match self {
+            Self::Level => "level",
+            Self::FourEllipse => "four-ellipse",
+            Self::TwoPlane => "two-plane",
+            Self::MaximumLikelihood => "maximum-likelihood",
+            Self::CompassSwing => "compass-swing",
+            Self::Ellipsoid => "ellipsoid",
+        }
+    }
+
+    /// Whether an iterative refinement follows the closed form.
+    pub(in crate::calibration) const fn is_refined(self) -> bool {
+        matches!(self, Self::MaximumLikelihood | Self::CompassSwing | Self::Ellipsoid)
+    }
+}
+
+/// Finding: bank-angle scale error of an attitude source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BankScaleFinding {
+    /// Ratio of reported to true bank; 1 is correct.
+    pub reported_bank_ratio: f32,
+    /// Distance from 1 in sigmas, the allowance for good sources included.
+    pub significance_sigmas: f32,
+}
+
+/// Constant errors of the attitude source, 1 sigma: consider states. Turns do not reveal them, because a bias acts like
+/// a mounting error and a bank-angle scale error like soft iron.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConsiderSigmas {
+    /// Constant roll and pitch bias, radians; 0.2 deg for a carefully levelled autopilot.
+    pub bias_rad: f32,
+    /// Bank-angle scale error in turns, dimensionless; 1 % for an attitude filter that uses airspeed.
+    pub bank_scale: f32,
+}
+
+impl ConsiderSigmas {
+    /// Standard deviations of the attitude errors of a good autopilot.
+    pub const DEFAULT: Self = Self { bias_rad: 0.0035, bank_scale: 0.01 };
+
+    /// Error-free attitude source.
+    pub const ZERO: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
+}
+
+/// Time course of a hard-iron change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HardIronTimeCourse {
+    /// Sudden change.
+    Step {
+        /// Time of the change after the first sample, seconds.
+        after_s: u16,
+    },
+    /// Linear change from the first sample to the last.
+    Drift,
+    /// Change in turns, with the load factor: iron in the linkage of the elevator.
+    LoadFactor,
+    /// Lag of the soft iron behind turns: hysteresis.
+    Hysteresis,
+}
+
+/// A hard-iron change during a flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DetectedHardIronChange {
+    /// Size of the change, microtesla.
+    pub size_ut: f32,
+    /// Time course of the change.
+    pub time_course: HardIronTimeCourse,
+    /// Time from the first sample to the last, seconds.
+    pub duration_s: u16,
+}
+
+impl fmt::Display for DetectedHardIronChange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // The cast saturates and maps NaN to 0.
+        let (tenths, of_s) = ((self.size_ut * 10.0 + 0.5) as u32, self.duration_s);
+        let (whole, tenth) = (tenths / 10, tenths % 10);
+        match self.time_course {
+            HardIronTimeCourse::Step { after_s } => {
+                write!(f, "iron changed by {whole}.{tenth} uT after {after_s} of {of_s} s")
+            }
+            HardIronTimeCourse::Drift => write!(f, "iron drifted by {whole}.{tenth} uT in {of_s} s"),
+            HardIronTimeCourse::LoadFactor => write!(f, "iron moves by {whole}.{tenth} uT with the elevator in turns"),
+            HardIronTimeCourse::Hysteresis => write!(f, "iron of {whole}.{tenth} uT lags behind turns (hysteresis)"),
+        }
+    }
+}
+
+/// An axis of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// x axis of the chip.
+    X,
+    /// y axis of the chip.
+    Y,
+    /// z axis of the chip.
+    Z,
+}
+
+impl Axis {
+    /// Lower-case letter of the axis.
+    #[must_use]
+    pub const fn axis_name(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Z => "z",
+        }
+    }
+}
+
+/// Reason for a failed solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SolveError {
+    /// A part has fewer samples than any solution needs.
+    TooFewSamples {
+        /// Part of the collection that lacks samples, such as its left turns.
+        part: CollectionPart,
+        /// Number of samples in the part.
+        have: u16,
+        /// Required number of samples.
+        need: u16,
+    },
+    /// A sample has a non-finite value.
+    NotFinite,
+    /// Level samples cover too few headings.
+    TooFewHeadings {
+        /// Number of headings covered, of twelve.
+        have: u8,
+        /// Required number of headings.
+        need: u8,
+    },
+    /// An axis of the sensor stays at one end of its range.
+    AxisStuck {
+        /// Chip axis.
+        axis: Axis,
+    },
+    /// The samples of a part are not on an ellipse: too short an arc, or not a turn.
+    NotAnEllipse(CollectionPart),
+    /// The samples do not determine the coefficients.
+    NotDetermined(CollectionPart),
+    /// Both sides have nearly the same bank, so their planes do not intersect.
+    SamePlane,
+    /// The hard iron changed so much that no plausible fit exists.
+    HardIronChanged(DetectedHardIronChange),
+    /// No starting point led to an acceptable fit.
+    NotConverged,
+    /// Headings run against the turns: the attitude source's roll has the wrong sign.
+    TurnsReversed,
+    /// The configured inclination contradicts the samples.
+    InclinationContradicted {
+        /// Inclination of the samples, degrees, positive down.
+        found_deg: i8,
+    },
+    /// The configured mounting contradicts the samples.
+    MountContradicted {
+        /// Right-angle mounting nearest to the fit.
+        found: Orientation,
+    },
+}
+
+impl SolveError {
+    /// Error of a part with too few samples; numbers saturate at 65,535.
+    pub(in crate::calibration) fn too_few(part: CollectionPart, have: usize, need: usize) -> Self {
+        let [have, need] = [have, need].map(|number| u16::try_from(number).unwrap_or(u16::MAX));
+        Self::TooFewSamples { part, have, need }
+    }
+
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::TooFewSamples`] when `have < need`.
+    pub(in crate::calibration) fn require_samples(part: CollectionPart, have: usize, need: usize) -> Result<(), Self> {
+        if have < need { Err(Self::too_few(part, have, need)) } else { Ok(()) }
+    }
+}
+
+impl fmt::Display for SolveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooFewSamples { part, have, need } => write!(f, "{have} of {need} samples of {}", part.part_name()),
+            Self::NotFinite => f.write_str("a sample is not a finite number"),
+            Self::TooFewHeadings { have, need } => write!(f, "{have} of {need} headings, 30 deg apart"),
+            Self::AxisStuck { axis } => write!(f, "the sensor's {} axis is saturated or stuck", axis.axis_name()),
+            Self::NotAnEllipse(part) => write!(f, "the {} are no full circle", part.part_name()),
+            Self::NotDetermined(part) => {
+                write!(f, "the samples of {} do not determine the coefficients", part.part_name())
+            }
+            Self::SamePlane => f.write_str("left and right bank differ too little"),
+            Self::HardIronChanged(change) => change.fmt(f),
+            Self::NotConverged => f.write_str("no coefficients explain the samples"),
+            Self::TurnsReversed => f.write_str("the headings run against the turns"),
+            Self::InclinationContradicted { found_deg } => {
+                write!(f, "the samples show an inclination of {found_deg} deg")
+            }
+            Self::MountContradicted { found } => {
+                write!(f, "the sensor seems to be mounted {}", found.orientation_name())
+            }
+        }
+    }
+}
+
+impl core::error::Error for SolveError {}
+
+#[cfg(test)]
+mod error_tests {
+    use super::*;
+
+    #[test]
+    fn a_part_one_sample_short_is_rejected() {
+        assert_eq!(SolveError::require_samples(CollectionPart::LEVEL, 8, 8), Ok(()));
+        let missing = SolveError::TooFewSamples { part: CollectionPart::LEVEL, have: 7, need: 8 };
+        assert_eq!(SolveError::require_samples(CollectionPart::LEVEL, 7, 8), Err(missing));
+        let saturated = SolveError::TooFewSamples { part: CollectionPart::FREE, have: u16::MAX, need: u16::MAX };
+        assert_eq!(SolveError::too_few(CollectionPart::FREE, 65_536, 70_000), saturated);
     }
 }

@@ -7,7 +7,7 @@ use core::fmt;
 use nalgebra::Matrix3;
 
 use super::coefficient_covariance::CoefficientCovariance;
-use crate::calibration::linear_algebra::matrix::inverse;
+use crate::calibration::linear_algebra::inverse;
 use crate::calibration::model::{Vector12, coefficient_jacobian_row, heading_derivative_by_field};
 use crate::calibration::types::coefficients::Calibration;
 use crate::calibration::types::quality::AttitudeEnvelope;

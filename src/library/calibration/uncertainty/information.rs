@@ -5,23 +5,17 @@ use nalgebra::Vector3;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error::AttitudeState;
 use crate::calibration::hypotheses::attitude_error_table::{
-    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, add_inclination_residual,
+    ATTITUDE_ERRORS, AttitudeErrorSums, LATENCY_INDEX, LaggedRoll, add_inclination_residual,
 };
-use crate::calibration::hypotheses::hard_iron_change::{
-    HardIronChangeEffect, HardIronScan, derivative_by_hard_iron, hard_iron_residuals,
-};
-use crate::calibration::hypotheses::lagging_bank_scale::LaggedRoll;
+use crate::calibration::hypotheses::hard_iron_change::{HardIronChangeEffect, HardIronScan, derivative_by_hard_iron};
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
-use crate::calibration::hypotheses::score_test::ScoreTest;
+use crate::calibration::hypotheses::score_test::{ScoreTest, hard_iron_residuals};
 use crate::calibration::model::{
     Likelihood, MeasuredSample, ModelParameters, ResidualEquation, SampleEquations, Vector13,
 };
-use crate::calibration::statistics::autocorrelation::Autocorrelation;
-use crate::calibration::statistics::residuals::ResidualStatistics;
+use crate::calibration::statistics::residuals::{Autocorrelation, ResidualStatistics};
 use crate::calibration::types::quality::AttitudeLatency;
-use crate::calibration::types::rates::AngleRates;
-use crate::calibration::types::samples::Samples;
-use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered, TimeSpan};
+use crate::calibration::types::samples::{AngleRates, PART_COUNT, Samples, TimeSpan};
 use crate::frames::RollPitch;
 
 /// Fisher information, with the statistics of the residuals and the sums of the score tests.
@@ -66,7 +60,8 @@ impl Information {
         let parameters = ModelParameters::from_unknowns(unknowns);
         let mut lagged_roll = LaggedRoll::default();
         let time_span = TimeSpan::from_samples(samples);
-        for (part, sample) in TimeOrdered::new(samples) {
+        for sample in samples.iter() {
+            let part = sample.part.index();
             let equations = likelihood.sample_equations(sample, None, &parameters);
             let attitude = sample.latency_compensated_attitude(likelihood.latency_s);
             let lagged_roll_rad = lagged_roll.filter_roll(sample.time, attitude.roll_rad);

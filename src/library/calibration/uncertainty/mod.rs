@@ -1,6 +1,5 @@
 //! Covariance of the coefficients, and the expected heading error.
 
-mod coefficient_conversion;
 pub(in crate::calibration) mod coefficient_covariance;
 pub(in crate::calibration) mod expected_error;
 pub(in crate::calibration) mod heading_uncertainty;

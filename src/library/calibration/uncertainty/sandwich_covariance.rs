@@ -1,7 +1,6 @@
 //! Sandwich covariance of the coefficients, from the Fisher information.
 
-use super::coefficient_conversion::CoefficientConversion;
-use super::coefficient_covariance::CoefficientCovariance;
+use super::coefficient_covariance::{CoefficientConversion, CoefficientCovariance};
 use super::information::Information;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{

@@ -2,8 +2,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
 
-use super::coefficient_conversion::CoefficientConversion;
-use super::coefficient_covariance::CoefficientCovariance;
+use super::coefficient_covariance::{CoefficientConversion, CoefficientCovariance};
 use super::heading_uncertainty::heading_uncertainty;
 use super::information::Information;
 use super::observability::{inclination_from_samples, unobservable_quantities};

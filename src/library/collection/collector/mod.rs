@@ -1,18 +1,13 @@
 //! State and procedure of a collection.
 
-use super::d_optimal_selection::DOptimalSelection;
+use super::d_optimal_selection::{DOptimalSelection, OfferedSampleResult};
 use super::flight_statistics::{CollectionProblem, TiltFilter};
-use super::free_flight::{self, OfferedSampleResult};
-use super::level_limits::is_level;
-use super::min_distance;
-use super::part_view::{PART_COUNT, PartView, coverage};
-use super::progress::CollectionProgress;
-use super::quota::{SampleQuota, SampleUse};
-use super::retained_samples::{CollectionHeader, RetainedSamples};
+use super::progress::{CollectionProgress, PartCoverage};
+use super::retained_samples::{CollectionContext, CollectionHeader, CollectionState, RetainedSamples};
+use super::sample_buffer::SampleUse;
 use super::sector_balance::SectorBalance;
-use super::state::{CollectionContext, CollectionState};
-use super::turn_detector::{TurnDetector, TurnDetectorConfig};
-use crate::calibration::method_selection::Procedure;
+use super::turn_detector::{TurnDetector, is_level};
+use crate::calibration::method_selection::{Procedure, select_samples};
 use crate::calibration::{CollectionPart, HeadingMark, Method, Sample, Samples, Solution};
 use crate::time::WrappingMillis;
 
@@ -35,9 +30,7 @@ pub struct Collector<'a> {
     collection_clock_offset_ms: u32,
     turn_detector: TurnDetector,
     tilt_filter: TiltFilter,
-    /// Time of the last sample of each part, stored or not, by [`CollectionPart::index`].
-    last_due_sample_at: [Option<WrappingMillis>; PART_COUNT],
-    /// Information of the free-flight fit samples.
+    /// Information of the fit samples of arbitrary attitude.
     selection: DOptimalSelection,
 }
 
@@ -53,9 +46,8 @@ impl<'a> Collector<'a> {
             restored_context: is_valid.then(|| header.collection_context()),
             has_unsaved_change: false,
             collection_clock_offset_ms: header.clock_ms.wrapping_add(RESTART_CLOCK_ADVANCE_MS),
-            turn_detector: TurnDetector::new(TurnDetectorConfig::DEFAULT),
+            turn_detector: TurnDetector::NO_TURN,
             tilt_filter: TiltFilter::NOT_STARTED,
-            last_due_sample_at: [None; _],
             selection: DOptimalSelection::NO_SELECTION,
         };
         if is_valid && header.state() != CollectionState::Inactive {
@@ -112,50 +104,39 @@ impl<'a> Collector<'a> {
     pub fn push_sample(&mut self, mut sample: Sample) {
         sample.time = sample.time.plus_ms(self.collection_clock_offset_ms);
         self.header.flight_statistics.add_sample(&mut self.tilt_filter, &sample);
-        self.has_unsaved_change |= match self.header.procedure() {
-            Procedure::Turns => self.push_turn_or_level_sample(sample),
-            Procedure::Level | Procedure::Swing => {
-                is_level(&sample) && SectorBalance::LEVEL.push_sample(self.part_view(CollectionPart::LEVEL), sample)
+        let Some(part) = self.part_of_sample(&sample) else { return };
+        sample.part = part;
+        let (buffer, state) = (&mut self.memory.samples, &mut self.header.part_states[part.index()]);
+        self.has_unsaved_change |= match part {
+            CollectionPart::LEFT | CollectionPart::RIGHT => SectorBalance::TURNS.push_sample(buffer, state, sample),
+            CollectionPart::LEVEL => SectorBalance::LEVEL.push_sample(buffer, state, sample),
+            _ => {
+                let result = self.selection.push_sample(buffer, state, sample);
+                let is_distinct = result != OfferedSampleResult::Ignored;
+                let is_stored = result == OfferedSampleResult::Stored;
+                self.header.distinct_sample_count =
+                    self.header.distinct_sample_count.saturating_add(is_distinct.into());
+                self.header.stored_count = self.header.stored_count.wrapping_add(is_stored.into());
+                is_distinct
             }
-            Procedure::Tumble => self.push_tumble_sample(sample),
-            Procedure::Flight => self.push_free_flight_sample(sample),
         };
     }
 
-    fn push_turn_or_level_sample(&mut self, sample: Sample) -> bool {
-        if let Some(side) = self.turn_detector.process_sample(&sample) {
-            self.header.set_turn_detected();
-            SectorBalance::TURNS.push_sample(self.part_view(CollectionPart::from_turn_side(side)), sample)
-        } else {
-            // Before the first turn the aircraft may be parked near the iron of a hangar.
-            self.header.has_detected_turn()
-                && is_level(&sample)
-                && SectorBalance::LEVEL.push_sample(self.part_view(CollectionPart::LEVEL), sample)
+    /// Part to which the next sample belongs; `None` if its procedure does not use it.
+    fn part_of_sample(&mut self, sample: &Sample) -> Option<CollectionPart> {
+        let level = is_level(sample).then_some(CollectionPart::LEVEL);
+        match self.header.procedure() {
+            Procedure::Flight | Procedure::Tumble => Some(CollectionPart::FREE),
+            Procedure::Level | Procedure::Swing => level,
+            Procedure::Turns => {
+                let turn = self.turn_detector.process_sample(sample);
+                if turn.is_some() {
+                    self.header.set_turn_detected();
+                }
+                // Before the first turn the aircraft may be parked near the iron of a hangar.
+                turn.or(level.filter(|_| self.header.has_detected_turn()))
+            }
         }
-    }
-
-    fn push_tumble_sample(&mut self, sample: Sample) -> bool {
-        let CollectionHeader { part_states, min_distance_ut, .. } = &mut self.header;
-        let part =
-            PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_sample_at);
-        min_distance::push_sample(part, SampleQuota::TURN, min_distance_ut, sample)
-    }
-
-    fn push_free_flight_sample(&mut self, sample: Sample) -> bool {
-        let part_states = &mut self.header.part_states;
-        let part =
-            PartView::new(CollectionPart::FREE, &mut self.memory.samples, part_states, &mut self.last_due_sample_at);
-        let end = free_flight::push_sample(part, &mut self.selection, sample);
-        if end == OfferedSampleResult::Ignored {
-            return false;
-        }
-        self.header.distinct_sample_count = self.header.distinct_sample_count.saturating_add(1);
-        self.header.stored_count = self.header.stored_count.wrapping_add((end == OfferedSampleResult::Stored).into());
-        true
-    }
-
-    fn part_view(&mut self, part: CollectionPart) -> PartView<'_> {
-        PartView::new(part, &mut self.memory.samples, &mut self.header.part_states, &mut self.last_due_sample_at)
     }
 
     /// Evaluates the information of free-flight samples with a trial solution that determines all coefficients.
@@ -186,11 +167,10 @@ impl<'a> Collector<'a> {
 
     /// Discards all samples and starts a procedure.
     pub fn begin_procedure(&mut self, procedure: Procedure) {
-        self.header = CollectionHeader::new(procedure, min_distance::INITIAL_MIN_DISTANCE_UT);
+        self.header = CollectionHeader::new(procedure);
         self.memory.samples.clear();
-        self.turn_detector = TurnDetector::new(TurnDetectorConfig::DEFAULT);
+        self.turn_detector = TurnDetector::NO_TURN;
         self.tilt_filter = TiltFilter::NOT_STARTED;
-        self.last_due_sample_at = [None; _];
         self.selection.reset_selection();
         self.collection_clock_offset_ms = 0;
         self.reset_restart_count();
@@ -219,13 +199,13 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Number of distinct free-flight samples, stored or not.
+    /// Number of distinct samples of arbitrary attitude, stored or not.
     #[must_use]
     pub fn distinct_sample_count(&self) -> u32 {
         self.header.distinct_sample_count
     }
 
-    /// Number of free-flight samples stored, including replacements; wraps.
+    /// Number of samples of arbitrary attitude stored, including replacements; wraps.
     #[must_use]
     pub fn stored_count(&self) -> u16 {
         self.header.stored_count
@@ -242,8 +222,15 @@ impl<'a> Collector<'a> {
     pub fn collection_progress(&self) -> CollectionProgress {
         CollectionProgress {
             procedure: self.procedure(),
-            part_coverages: CollectionPart::ALL_PARTS
-                .map(|part| coverage(&self.memory.samples, part, self.header.part_states[part.index()])),
+            part_coverages: CollectionPart::ALL_PARTS.map(|part| {
+                let state = &self.header.part_states[part.index()];
+                PartCoverage {
+                    fit_count: self.memory.samples.part_count(SampleUse::Fit, part) as u16,
+                    held_back_count: self.memory.samples.part_count(SampleUse::Verification, part) as u16,
+                    covered_sector_count: state.covered_sector_count,
+                    percent: state.percent,
+                }
+            }),
             mark_count: self.header.mark_count,
             turn_in_progress: self.turn_detector.turn_side(),
         }
@@ -254,6 +241,13 @@ impl<'a> Collector<'a> {
     pub fn fit_samples(&self) -> Samples<'_> {
         Samples::new(self.memory.samples.samples_of_use(SampleUse::Fit))
             .with_marks(self.memory.stored_marks(self.header.mark_count))
+    }
+
+    /// Samples of a solve, and held-back samples of the same parts.
+    #[must_use]
+    pub fn selected_samples(&self) -> [Samples<'_>; 2] {
+        let selected = select_samples(self.fit_samples(), self.procedure());
+        [selected, self.held_back_samples().with_parts_of(selected)]
     }
 
     /// Verification samples, not in the fit.

@@ -1,7 +1,5 @@
 use super::super::test_samples::{banked_sample, circle_sample, collected, stored_times_ms, test_sample, turn_samples};
 use super::*;
-use crate::calibration::{CollectionPart, Side};
-use crate::collection::level_limits::LevelLimits;
 use crate::frames::RollPitch;
 
 fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
@@ -23,10 +21,10 @@ fn turn_samples_are_stored_by_side() {
     let mut collector = collected(Procedure::Turns, []);
     hold_bank(&mut collector, -25.0, 0, 10);
     assert_eq!(sample_counts(&collector), [[15, 5], [0, 0], [0, 0], [0, 0]]);
-    assert_eq!(collector.collection_progress().turn_in_progress, Some(Side::Left));
+    assert_eq!(collector.collection_progress().turn_in_progress, Some(CollectionPart::LEFT));
     hold_bank(&mut collector, 25.0, 10, 20);
     assert_eq!(sample_counts(&collector), [[15, 5], [15, 5], [0, 0], [0, 0]]);
-    assert_eq!(collector.collection_progress().turn_in_progress, Some(Side::Right));
+    assert_eq!(collector.collection_progress().turn_in_progress, Some(CollectionPart::RIGHT));
 }
 
 /// Parked near iron before the first turn; a bank of 1 s is not a turn.
@@ -54,8 +52,6 @@ fn a_bank_of_8_deg_is_neither_level_nor_a_turn() {
     let before = sample_counts(&collector);
     hold_bank(&mut collector, 8.0, 4, 10);
     assert_eq!(sample_counts(&collector), before);
-    let turn_end_rad = TurnDetectorConfig::DEFAULT.leave_roll_rad;
-    assert_eq!(LevelLimits::DEFAULT.level_roll_rad.to_bits(), turn_end_rad.to_bits());
 }
 
 /// Level are 7 deg of bank and 12 deg of pitch, in which a vehicle on wheels and a hover stay.
@@ -85,11 +81,7 @@ fn level_procedures_store_level_samples_and_a_tumble_every_attitude() {
 /// during the collection.
 #[test]
 fn samples_are_stored_every_0_4_s_and_every_fourth_is_held_back() {
-    for (procedure, part) in [
-        (Procedure::Level, CollectionPart::LEVEL),
-        (Procedure::Swing, CollectionPart::LEVEL),
-        (Procedure::Tumble, CollectionPart::FREE),
-    ] {
+    for (procedure, part) in [(Procedure::Level, CollectionPart::LEVEL), (Procedure::Swing, CollectionPart::LEVEL)] {
         for (interval_ms, samples_per_stored) in [(400, 1), (300, 2), (100, 4)] {
             let number = 13 * samples_per_stored;
             let time_ms = |i: u32| (i * interval_ms).wrapping_sub(1000);
@@ -132,7 +124,7 @@ fn a_flight_and_a_level_drive_become_complete() {
     assert!(drive.is_complete(), "{drive:?}");
 }
 
-/// Also the hold-back cycle, the sample interval and the distance of a tumble start again.
+/// Also the hold-back cycle and the sample interval start again.
 #[test]
 fn a_new_collection_is_as_if_it_were_the_first() {
     let samples = |number: u32| (0..number).map(|i| test_sample([i as f32 * 5.1, 0.0, 0.0], i * 400));

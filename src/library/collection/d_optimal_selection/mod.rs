@@ -1,4 +1,5 @@
-//! D-optimal selection: finds the sample that contributes least information to a full buffer.
+//! Policy of free flight and of a tumble, D-optimal selection: a full buffer replaces the sample that contributes least
+//! information.
 //!
 //! Each sample contributes two equations for the coefficients, the field strength and the inclination of the corrected
 //! field (see [`calibration`](crate::calibration)). The quality of a set is the determinant of its Fisher information
@@ -21,12 +22,22 @@
 
 use nalgebra::Vector3;
 
-use super::level_limits::is_level;
+use super::retained_samples::PartState;
+use super::sample_buffer::{SampleBuffer, SampleQuota, SampleUse};
+use super::turn_detector::is_level;
 use crate::calibration::{
     Calibration, FieldPrediction, InformationMatrix, JacobianRow, LeastSquares, Orientation, Quality, Sample, Samples,
     fit_sphere,
 };
+use crate::frames::{RollPitch, wrap_pi};
+use crate::trig;
 use crate::trig::VectorLength as _;
+
+/// Smallest change of the field between distinct samples, microtesla: three sigma of an averaged sample.
+const MIN_FIELD_CHANGE_UT: f32 = 1.0;
+
+/// Smallest change of the attitude between distinct samples, radians (1.5 deg).
+const MIN_ATTITUDE_CHANGE_RAD: f32 = 0.026;
 
 /// Prior information on each unknown, in units of inclination equations. Keeps the matrix invertible, above `f32`
 /// rounding in the sum over all samples.
@@ -38,6 +49,17 @@ const MIN_NORM_UT: f32 = 1e-3;
 /// Largest rotation that removes sensor noise from a direction of the field, radians: five sigma of a sensor with 1 %
 /// noise. Larger residuals have other causes.
 const MAX_NOISE_ROTATION_RAD: f32 = 0.05;
+
+/// Result of offering a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum OfferedSampleResult {
+    /// Dropped, because it is not finite or does not differ from the last stored one.
+    Ignored,
+    /// Distinct, but not more informative than those stored.
+    Rejected,
+    /// The sample was stored.
+    Stored,
+}
 
 #[derive(Clone, Debug)]
 struct Linearisation {
@@ -130,7 +152,7 @@ impl DOptimalSelection {
         retains_level: false,
     };
 
-    pub fn with_reset_leverages(&self) -> Self {
+    fn with_reset_leverages(&self) -> Self {
         Self { linearisation: self.linearisation.clone(), ..Self::NO_SELECTION }
     }
 
@@ -155,9 +177,40 @@ impl DOptimalSelection {
         self.linearisation.is_from_trial
     }
 
+    /// Stores a sample if it is distinct, in place of the least informative one if the buffer is full.
+    pub fn push_sample(
+        &mut self,
+        buffer: &mut SampleBuffer,
+        state: &mut PartState,
+        sample: Sample,
+    ) -> OfferedSampleResult {
+        if !is_new_measurement(buffer, &sample) {
+            return OfferedSampleResult::Ignored;
+        }
+        let sample_use = state.count_and_assign_use(&sample);
+        let stored = buffer.samples_of_use(sample_use);
+        if stored.len() < SampleQuota::WHOLE_BUFFER.quota_of(sample_use) {
+            buffer.insert_sample(sample_use, sample);
+            return OfferedSampleResult::Stored;
+        }
+        let level_quota = SampleQuota::LEVEL.quota_of(sample_use);
+        let weakest = match sample_use {
+            SampleUse::Fit if !self.may_exceed_weakest(&sample) => None,
+            SampleUse::Fit => self.find_least_informative_sample(&sample, stored, level_quota),
+            SampleUse::Verification => {
+                self.with_reset_leverages().find_least_informative_sample(&sample, stored, level_quota)
+            }
+        };
+        let Some(position) = weakest.and_then(|weakest| weakest.checked_sub(1)) else {
+            return OfferedSampleResult::Rejected;
+        };
+        buffer.replace_sample(sample_use, position, sample);
+        OfferedSampleResult::Stored
+    }
+
     /// Whether a sample outside the set may exceed the smallest leverage, or is level while those are retained;
     /// conservative, at a thousandth of the cost of a full evaluation.
-    pub fn may_exceed_weakest(&self, sample: &Sample) -> bool {
+    fn may_exceed_weakest(&self, sample: &Sample) -> bool {
         if self.retains_level && is_level(sample) {
             return true;
         }
@@ -178,7 +231,7 @@ impl DOptimalSelection {
     /// Index of the sample with the least leverage, the new one being the first; `None` if there is no sphere through
     /// the samples. Up to `level_quota` level samples are retained whatever their leverage.
     #[inline(never)]
-    pub fn find_least_informative_sample(
+    fn find_least_informative_sample(
         &mut self,
         new_sample: &Sample,
         samples: &[Sample],
@@ -215,6 +268,26 @@ impl DOptimalSelection {
         self.smallest_leverage = least_leverage;
         Some(position)
     }
+}
+
+/// Whether a sample is finite and differs from the last stored one. A parked aircraft adds no information, and may be
+/// near the iron of a hangar.
+fn is_new_measurement(buffer: &SampleBuffer, sample: &Sample) -> bool {
+    let last_of_use = |sample_use| buffer.samples_of_use(sample_use).last();
+    let lasts = [SampleUse::Fit, SampleUse::Verification].into_iter().filter_map(last_of_use);
+    let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
+    let RollPitch { roll_rad, pitch_rad } = sample.attitude;
+    let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|component| component.is_finite());
+    is_measurement && last.is_none_or(|last| is_distinct(last, sample))
+}
+
+fn is_distinct(last_stored: &Sample, sample: &Sample) -> bool {
+    let tilt_rad = trig::hypot(
+        wrap_pi(sample.attitude.roll_rad - last_stored.attitude.roll_rad),
+        sample.attitude.pitch_rad - last_stored.attitude.pitch_rad,
+    );
+    (sample.field.ut - last_stored.field.ut).vector_length() >= MIN_FIELD_CHANGE_UT
+        || tilt_rad >= MIN_ATTITUDE_CHANGE_RAD
 }
 
 #[cfg(test)]

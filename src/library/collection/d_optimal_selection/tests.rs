@@ -5,9 +5,13 @@ use core::f32::consts::TAU;
 use nalgebra::Matrix3;
 use testkit::random::Random;
 
-use super::super::test_samples::test_sample;
+use super::super::test_samples::{collected, stored_times_ms, test_sample, times_ms, turn_samples};
 use super::*;
-use crate::frames::{Field, Level, RollPitch};
+use crate::calibration::CollectionPart;
+use crate::calibration::method_selection::Procedure;
+use crate::collection::Collector;
+use crate::collection::progress::PartCoverage;
+use crate::frames::{Field, Level};
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
@@ -238,4 +242,131 @@ fn a_trial_solution_applies_to_all_sets() {
 fn identical_readings_have_no_weakest_sample() {
     assert_eq!(weakest_sample_index(&[], 0), None);
     assert_eq!(weakest_sample_index(&vec![test_sample([20.0, 0.0, 40.0], 0); 30], 0), None);
+}
+
+fn collect_in_flight(samples: impl IntoIterator<Item = Sample>) -> Collector<'static> {
+    collected(Procedure::Flight, samples)
+}
+
+fn stored_samples<'a>(collector: &'a Collector<'_>) -> [(SampleUse, Samples<'a>); 2] {
+    [(SampleUse::Fit, collector.fit_samples()), (SampleUse::Verification, collector.held_back_samples())]
+}
+
+/// Right turn, level, left turn, 20 s each, with bank wander; consecutive samples differ.
+fn free_flight(seconds: u16) -> impl Iterator<Item = Sample> {
+    let leg = |from_s: u16| [25.0, 0.0, -25.0][usize::from(from_s / 20 % 3)];
+    (0..seconds).step_by(20).flat_map(move |from_s| turn_samples(leg(from_s), from_s, from_s + 20, 60.0))
+}
+
+#[test]
+fn free_flight_samples_are_stored_until_full() {
+    let collector = collect_in_flight(free_flight(40));
+    let [fit, held_back] = stored_times_ms(&collector, CollectionPart::FREE);
+    let (expected_held_back, expected_fit) = (0..400).map(|i| i * 100).partition::<Vec<_>, _>(|ms| ms % 400 == 300);
+    assert_eq!((fit, held_back), (expected_fit, expected_held_back));
+    let coverage = PartCoverage { fit_count: 300, held_back_count: 100, ..PartCoverage::default() };
+    assert_eq!(collector.collection_progress().coverage_of(CollectionPart::FREE), &coverage);
+    assert_eq!((collector.distinct_sample_count(), collector.stored_count()), (400, 400));
+}
+
+/// Five minutes of level flight, then a turn each way.
+#[test]
+fn informative_samples_replace_uninformative_ones() {
+    let mut collector = collect_in_flight(turn_samples(0.0, 0, 300, 60.0));
+    let before = collector.stored_count();
+    let turns = turn_samples(25.0, 300, 320, 60.0).chain(turn_samples(-25.0, 320, 340, 60.0));
+    turns.for_each(|sample| collector.push_sample(sample));
+    let newly_stored = usize::from(collector.stored_count() - before);
+    let mut banked_sum = 0;
+    // Of 400 banked samples, one in four is held back.
+    for ((sample_use, samples), offered) in stored_samples(&collector).into_iter().zip([300, 100]) {
+        let capacity = SampleQuota::WHOLE_BUFFER.quota_of(sample_use);
+        assert_eq!(samples.iter().count(), capacity);
+        let banked = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() > 0.3).count();
+        assert!(banked * 10 >= offered * 8 || banked * 10 >= capacity * 7, "{banked} of {offered}");
+        banked_sum += banked;
+        assert!(times_ms(samples.iter()).is_sorted());
+    }
+    assert!(newly_stored >= banked_sum && newly_stored <= 400, "{newly_stored}, {banked_sum}");
+}
+
+/// A minute of level flight before or after four minutes of circles: level samples tell iron in turns from hard
+/// iron.
+#[test]
+fn circles_leave_a_quota_of_level_samples() {
+    let circles = |start_s: u16| {
+        (start_s..start_s + 240).step_by(60).flat_map(|from_s| {
+            turn_samples(25.0, from_s, from_s + 30, 60.0).chain(turn_samples(-25.0, from_s + 30, from_s + 60, 60.0))
+        })
+    };
+    for collector in [
+        collect_in_flight(turn_samples(0.0, 0, 60, 60.0).chain(circles(60))),
+        collect_in_flight(circles(0).chain(turn_samples(0.0, 240, 300, 60.0))),
+    ] {
+        for (sample_use, samples) in stored_samples(&collector) {
+            let level_count = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() < 0.1).count();
+            assert!(level_count >= SampleQuota::LEVEL.quota_of(sample_use), "{sample_use:?}: {level_count}");
+        }
+    }
+}
+
+/// 100 level samples, after minutes of the same flight.
+#[test]
+fn uninformative_samples_are_rejected() {
+    let mut collector = collect_in_flight(free_flight(400));
+    let rejected_count =
+        |collector: &Collector| collector.distinct_sample_count() - u32::from(collector.stored_count());
+    let before = rejected_count(&collector);
+    turn_samples(0.0, 500, 510, 60.0).for_each(|sample| collector.push_sample(sample));
+    assert!(rejected_count(&collector) - before >= 67, "{}", rejected_count(&collector) - before);
+    let [fit, _] = stored_times_ms(&collector, CollectionPart::FREE);
+    let new_fit_count = fit.iter().filter(|ms| **ms >= 500_000).count();
+    assert!(new_fit_count <= 8, "{new_fit_count} of 75");
+}
+
+/// Three sigma of an averaged sample are 1 uT.
+#[test]
+fn identical_samples_are_stored_once() {
+    let mut collector = collect_in_flight([]);
+    let nan = f32::NAN;
+    for (x_ut, roll_deg, pitch_deg, is_stored) in [
+        (20.0, 0.0, 0.0, true),
+        (20.0, 0.0, 0.0, false),
+        (20.8, 0.0, 0.0, false),
+        (20.0, 1.0, -1.0, false),
+        (21.2, 0.0, 0.0, true),
+        (21.2, -1.6, 0.0, true),
+        (21.2, -1.6, 0.0, false),
+        (21.2, -1.6, 1.6, true),
+        (nan, 0.0, 0.0, false),
+        (90.0, nan, 0.0, false),
+        (90.0, 0.0, f32::INFINITY, false),
+    ] {
+        let before = (collector.stored_count(), collector.distinct_sample_count());
+        let attitude = RollPitch::from_deg(roll_deg, pitch_deg);
+        collector.push_sample(Sample { attitude, ..test_sample([x_ut, 5.0, 40.0], 100) });
+        let expected = (before.0 + u16::from(is_stored), before.1 + u32::from(is_stored));
+        let found = (collector.stored_count(), collector.distinct_sample_count());
+        assert_eq!(found, expected, "{x_ut} uT {roll_deg} {pitch_deg}");
+    }
+}
+
+/// A tumble has no attitude: its samples are distinct by their field, and a full buffer keeps all directions.
+#[test]
+fn a_full_tumble_keeps_all_directions() {
+    let mut random = Random(7);
+    let direction = |random: &mut Random| Vector3::from_fn(|_, _| random.normal()).normalize();
+    let samples = (0..1500).map(|i| test_sample((HARD_IRON_UT + direction(&mut random) * 50.0).into(), i * 100));
+    let collector = collected(Procedure::Tumble, samples);
+    for (sample_use, samples) in stored_samples(&collector) {
+        let octant = |sample: &Sample| {
+            let from_centre = sample.field.ut - HARD_IRON_UT;
+            (0..3).map(|axis| usize::from(from_centre[axis] > 0.0) << axis).sum::<usize>()
+        };
+        let mut counts = [0; 8];
+        samples.iter().for_each(|sample| counts[octant(sample)] += 1);
+        let capacity = SampleQuota::WHOLE_BUFFER.quota_of(sample_use);
+        assert_eq!(counts.iter().sum::<usize>(), capacity);
+        assert!(counts.iter().all(|count| count * 8 > capacity / 3), "{counts:?}");
+    }
 }

@@ -3,9 +3,9 @@
 use core::fmt;
 
 use super::progress::{CollectionProgress, PartCoverage};
-use super::turn_circle::SECTOR_COUNT;
-use super::turn_detector::TurnDetectorConfig;
-use crate::calibration::{CollectionPart, Manoeuvre, Sample, Side};
+use super::sample_buffer::SECTOR_COUNT;
+use super::turn_detector::{ENTER_ROLL_RAD, MAX_GAP_MS};
+use crate::calibration::{CollectionPart, Manoeuvre, Sample};
 use crate::decimal::Decimal;
 use crate::frames::RollPitch;
 use crate::time::WrappingMillis;
@@ -28,12 +28,12 @@ pub enum CollectionProblem {
         /// Largest tilt, degrees.
         max_tilt_deg: f32,
     },
-    /// Turns to this side only.
-    OneSideOnly(Side),
-    /// Turns to this side cover only an arc: the yaw rate was too low.
+    /// Turns of this part only, left or right.
+    OneSideOnly(CollectionPart),
+    /// Turns of a part cover only an arc: the yaw rate was too low.
     ArcOnly {
-        /// Side of the arc.
-        side: Side,
+        /// Part of the arc, left or right turns.
+        part: CollectionPart,
         /// Sectors covered, of [`SECTOR_COUNT`].
         sectors: u8,
     },
@@ -53,42 +53,30 @@ impl fmt::Display for CollectionProblem {
             Self::InsufficientBank { max_tilt_deg } => {
                 write!(f, "too little bank, {} deg at most", Decimal::<1>(max_tilt_deg))
             }
-            Self::OneSideOnly(side) => write!(f, "only {} turns were flown", side.side_name()),
-            Self::ArcOnly { side, sectors } => {
-                let side = side.side_name();
-                write!(f, "the {side} turns went through {sectors} of {SECTOR_COUNT} sectors, too slow or too short")
+            Self::OneSideOnly(part) => write!(f, "only {} were flown", part.part_name()),
+            Self::ArcOnly { part, sectors } => {
+                let turns = part.part_name();
+                write!(f, "the {turns} went through {sectors} of {SECTOR_COUNT} sectors, too slow or too short")
             }
             Self::MissingManoeuvre(manoeuvre) => write!(f, "missing: {manoeuvre}"),
         }
     }
 }
 
-const DIAGNOSIS_LIMITS: DiagnosisLimits = DiagnosisLimits {
-    tilt_filter_time_constant_ms: 1000,
-    min_samples: 20,
-    min_duration_ms: 20_000,
-    min_tilt_rad: 2_f32.to_radians(),
-    min_bank_ms: 5000,
-    min_arc_samples: 60,
-    max_arc_sectors: 8,
-};
-
-struct DiagnosisLimits {
-    /// Time constant of the tilt average, milliseconds: suppresses gusts.
-    tilt_filter_time_constant_ms: u32,
-    /// Fewest samples for a diagnosis.
-    min_samples: u32,
-    /// Shortest duration for a diagnosis, milliseconds.
-    min_duration_ms: u32,
-    /// Tilt below that of any flight, radians (2 deg). 90 deg sent as radians and read as degrees are 1.6 deg.
-    min_tilt_rad: f32,
-    /// Shortest total bank time of a side that was flown, milliseconds; gusts last 1 to 2 s.
-    min_bank_ms: u32,
-    /// Fewest samples for a diagnosis of slow turns: at least 32 s of turning.
-    min_arc_samples: u16,
-    /// Number of heading sectors that a turn of 8 deg/s exceeds in `min_arc_samples` samples.
-    max_arc_sectors: u8,
-}
+/// Time constant of the tilt average, milliseconds: suppresses gusts.
+const TILT_FILTER_TIME_CONSTANT_MS: u32 = 1000;
+/// Fewest samples for a diagnosis.
+const MIN_SAMPLES: u32 = 20;
+/// Shortest duration for a diagnosis, milliseconds.
+const MIN_DURATION_MS: u32 = 20_000;
+/// Tilt below that of any flight, radians (2 deg). 90 deg sent as radians and read as degrees are 1.6 deg.
+const MIN_TILT_RAD: f32 = 2_f32.to_radians();
+/// Shortest total bank time of a side that was flown, milliseconds; gusts last 1 to 2 s.
+const MIN_BANK_MS: u32 = 5000;
+/// Fewest samples for a diagnosis of slow turns: at least 32 s of turning.
+const MIN_ARC_SAMPLES: u16 = 60;
+/// Number of heading sectors that a turn of 8 deg/s exceeds in `MIN_ARC_SAMPLES` samples.
+const MAX_ARC_SECTORS: u8 = 8;
 
 /// Attitude statistics of a collection, as they are in retained memory.
 #[derive(Clone, Copy, Debug)]
@@ -122,7 +110,7 @@ impl TiltFilter {
             return None;
         };
         let step_ms = sample.time.ms_since(last_time);
-        let weight = step_ms as f32 / (step_ms as f32 + DIAGNOSIS_LIMITS.tilt_filter_time_constant_ms as f32);
+        let weight = step_ms as f32 / (step_ms as f32 + TILT_FILTER_TIME_CONSTANT_MS as f32);
         self.attitude.roll_rad += weight * (sample.attitude.roll_rad - self.attitude.roll_rad);
         self.attitude.pitch_rad += weight * (sample.attitude.pitch_rad - self.attitude.pitch_rad);
         Some(step_ms)
@@ -147,29 +135,26 @@ impl FlightStatistics {
         self.sample_count = self.sample_count.saturating_add(1);
         let Some(step_ms) = filter.filter_attitude(sample) else { return };
         self.duration_ms = self.duration_ms.saturating_add(step_ms);
-        self.long_interval_count += u32::from(step_ms > TurnDetectorConfig::DEFAULT.max_gap_ms);
+        self.long_interval_count += u32::from(step_ms > MAX_GAP_MS);
         let RollPitch { roll_rad, pitch_rad } = filter.attitude;
         self.max_tilt_rad = self.max_tilt_rad.max(libm::fabsf(roll_rad)).max(libm::fabsf(pitch_rad));
-        if libm::fabsf(roll_rad) >= TurnDetectorConfig::DEFAULT.enter_roll_rad {
+        if libm::fabsf(roll_rad) >= ENTER_ROLL_RAD {
             let side_ms = if roll_rad < 0.0 { &mut self.left_bank_ms } else { &mut self.right_bank_ms };
             *side_ms = side_ms.saturating_add(step_ms);
         }
     }
 
     fn is_long_enough(&self) -> bool {
-        self.sample_count >= DIAGNOSIS_LIMITS.min_samples && self.duration_ms >= DIAGNOSIS_LIMITS.min_duration_ms
+        self.sample_count >= MIN_SAMPLES && self.duration_ms >= MIN_DURATION_MS
     }
 
     pub fn check_tilt(&self) -> Option<CollectionProblem> {
-        let has_no_tilt = self.is_long_enough() && self.max_tilt_rad < DIAGNOSIS_LIMITS.min_tilt_rad;
+        let has_no_tilt = self.is_long_enough() && self.max_tilt_rad < MIN_TILT_RAD;
         has_no_tilt.then(|| CollectionProblem::NoTilt { max_tilt_deg: self.max_tilt_rad.to_degrees() })
     }
 
     /// Diagnosis of a collection in turns; `None` if no threshold is violated.
     pub fn diagnose(&self, progress: &CollectionProgress) -> Option<CollectionProblem> {
-        let DiagnosisLimits {
-            min_bank_ms: held_ms, min_arc_samples: arc_samples, max_arc_sectors: arc_sectors, ..
-        } = DIAGNOSIS_LIMITS;
         if !self.is_long_enough() {
             return None;
         }
@@ -182,16 +167,16 @@ impl FlightStatistics {
             return Some(problem);
         }
         let max_tilt_deg = self.max_tilt_rad.to_degrees();
-        match (self.left_bank_ms >= held_ms, self.right_bank_ms >= held_ms) {
+        match (self.left_bank_ms >= MIN_BANK_MS, self.right_bank_ms >= MIN_BANK_MS) {
             (false, false) => return Some(CollectionProblem::InsufficientBank { max_tilt_deg }),
-            (true, false) => return Some(CollectionProblem::OneSideOnly(Side::Left)),
-            (false, true) => return Some(CollectionProblem::OneSideOnly(Side::Right)),
+            (true, false) => return Some(CollectionProblem::OneSideOnly(CollectionPart::LEFT)),
+            (false, true) => return Some(CollectionProblem::OneSideOnly(CollectionPart::RIGHT)),
             (true, true) => {}
         }
-        [Side::Left, Side::Right].into_iter().find_map(|side| {
-            let PartCoverage { fit_count: samples, covered_sector_count: sectors, .. } =
-                *progress.coverage_of(CollectionPart::from_turn_side(side));
-            (samples >= arc_samples && sectors <= arc_sectors).then_some(CollectionProblem::ArcOnly { side, sectors })
+        CollectionPart::TURNS.into_iter().find_map(|part| {
+            let &PartCoverage { fit_count, covered_sector_count: sectors, .. } = progress.coverage_of(part);
+            let is_arc = fit_count >= MIN_ARC_SAMPLES && sectors <= MAX_ARC_SECTORS;
+            is_arc.then_some(CollectionProblem::ArcOnly { part, sectors })
         })
     }
 }

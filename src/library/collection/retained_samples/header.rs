@@ -1,12 +1,40 @@
 //! State of a collection in retained memory, without its samples.
 
 use super::memory_words::{MemoryWords, words};
-use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
+use crate::calibration::{CollectionPart, Sample};
 use crate::collection::flight_statistics::FlightStatistics;
-use crate::collection::state::{CollectionContext, CollectionState};
+use crate::collection::sample_buffer::SampleUse;
+use crate::time::WrappingMillis;
 
-/// State of a collection. Every bit pattern is a valid value: states and flags are numbers.
+/// Shortest interval of stored samples of turns and level flight, milliseconds: attitude errors are correlated over about
+/// 0.5 s.
+const SAMPLE_INTERVAL_MS: u32 = 400;
+
+/// Period of held-back samples: one in this number is held back.
+pub(in crate::collection) const HOLD_BACK_CYCLE: u16 = 4;
+
+/// State of a collection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CollectionState {
+    /// No collection is active: finished, or never started.
+    Inactive,
+    /// The collection is stopped; the samples wait for the solver.
+    Stopped,
+    /// The collection is running.
+    Running,
+}
+
+/// Caller's data stored together with a collection.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CollectionContext {
+    /// Whether the module started the collection automatically.
+    pub is_automatic: bool,
+    /// Serial number of the active calibration when the collection was last saved.
+    pub calibration_serial: u32,
+}
+
+/// Header of a collection. Every bit pattern is a valid value: states and flags are numbers.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct CollectionHeader {
     state: u8,
@@ -22,18 +50,18 @@ pub(in crate::collection) struct CollectionHeader {
     pub stored_count: u16,
     /// Number of distinct free-flight samples, stored or not.
     pub distinct_sample_count: u32,
-    /// Minimum distance between samples of a tumble, microtesla; grows when the buffer is full.
-    pub min_distance_ut: f32,
     /// States of the parts by [`CollectionPart::index`].
     pub part_states: [PartState; CollectionPart::ALL_PARTS.len()],
     pub flight_statistics: FlightStatistics,
 }
 
-/// State of a part that its retention policy stores.
+/// State of a part.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
+    /// Time of the last sample taken, stored or not, milliseconds.
+    last_taken_ms: u32,
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
-    pub due_sample_count: u16,
+    taken_count: u16,
     /// Number of sectors with at least one sample.
     pub covered_sector_count: u8,
     /// Completeness, 0..100 percent.
@@ -41,7 +69,19 @@ pub(in crate::collection) struct PartState {
 }
 
 impl PartState {
-    pub const EMPTY: Self = Self { due_sample_count: 0, covered_sector_count: 0, percent: 0 };
+    pub const EMPTY: Self = Self { last_taken_ms: 0, taken_count: 0, covered_sector_count: 0, percent: 0 };
+
+    /// Whether a sample is finite and at least one sample interval after the last.
+    pub fn is_due(self, sample: &Sample) -> bool {
+        let is_late = sample.time.ms_since(WrappingMillis::new(self.last_taken_ms)) >= SAMPLE_INTERVAL_MS;
+        (self.taken_count == 0 || is_late) && sample.field.ut.iter().all(|component| component.is_finite())
+    }
+
+    pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
+        self.last_taken_ms = sample.time.as_ms();
+        self.taken_count = self.taken_count.wrapping_add(1);
+        if self.taken_count.is_multiple_of(HOLD_BACK_CYCLE) { SampleUse::Verification } else { SampleUse::Fit }
+    }
 }
 
 impl CollectionHeader {
@@ -56,14 +96,13 @@ impl CollectionHeader {
         mark_count: 0,
         stored_count: 0,
         distinct_sample_count: 0,
-        min_distance_ut: 0.0,
         part_states: [PartState::EMPTY; _],
         flight_statistics: FlightStatistics::EMPTY,
     };
 
     /// Start of a collection.
-    pub fn new(procedure: Procedure, min_distance_ut: f32) -> Self {
-        Self { procedure: procedure as u8, min_distance_ut, ..Self::EMPTY }
+    pub fn new(procedure: Procedure) -> Self {
+        Self { procedure: procedure as u8, ..Self::EMPTY }
     }
 
     pub fn procedure(&self) -> Procedure {
@@ -115,9 +154,8 @@ words!(CollectionHeader {
     mark_count,
     stored_count,
     distinct_sample_count,
-    min_distance_ut,
     part_states,
     flight_statistics,
 });
-words!(PartState { due_sample_count, covered_sector_count, percent });
+words!(PartState { last_taken_ms, taken_count, covered_sector_count, percent });
 words!(FlightStatistics { sample_count, long_interval_count, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

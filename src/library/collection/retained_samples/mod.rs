@@ -9,10 +9,10 @@
 mod header;
 mod memory_words;
 
-pub(super) use header::{CollectionHeader, PartState};
+pub use header::{CollectionContext, CollectionState};
+pub(super) use header::{CollectionHeader, HOLD_BACK_CYCLE, PartState};
 
 use super::sample_buffer::{SampleBuffer, UNUSED_SAMPLE};
-use super::state::CollectionState;
 use crate::calibration::HeadingMark;
 use memory_words::{Checksum, MemoryWords, words};
 
@@ -20,7 +20,7 @@ use memory_words::{Checksum, MemoryWords, words};
 pub const MARKS_CAPACITY: usize = 36;
 
 /// Layout version; increment when the meaning of header or samples changes.
-const LAYOUT_VERSION: u32 = 3;
+const LAYOUT_VERSION: u32 = 4;
 
 /// Checksum seed from layout and firmware version, which rejects memory of other firmware.
 const FIRMWARE_SEED: u32 = {

@@ -1,12 +1,20 @@
 //! Policy of turns, level flight and a compass swing: even coverage of heading sectors.
 //!
 //! A full part replaces samples in its most crowded sector.
+//!
+//! Hard iron several times the horizontal field hides the heading. A turn at constant bank is a plane ellipse in sensor
+//! space: samples are projected on their principal plane, a circle is fitted there, and the angle about its centre gives
+//! the sector. The configured mounting has no influence.
 
-use super::part_view::{HOLD_BACK_CYCLE, PartView};
+use core::f32::consts::TAU;
+
+use nalgebra::{Matrix3, Vector2};
+
 use super::progress::percent;
-use super::quota::{SampleQuota, SampleUse};
-use super::turn_circle::{SECTOR_COUNT, TurnCircle};
-use crate::calibration::Sample;
+use super::retained_samples::{HOLD_BACK_CYCLE, PartState};
+use super::sample_buffer::{SECTOR_COUNT, SampleBuffer, SampleQuota, SampleUse};
+use crate::calibration::{LeastSquares, PrincipalPlane, Sample, Samples};
+use crate::trig::sqrt;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SectorBalance {
@@ -58,32 +66,31 @@ impl SectorBalance {
         (self.complete_fit_samples - 1) / (HOLD_BACK_CYCLE - 1)
     }
 
-    /// Stores a sample if it is due and its sector is not the most crowded of a full part. Returns whether it is due.
-    pub fn push_sample(&self, mut part_view: PartView<'_>, sample: Sample) -> bool {
-        let is_due = part_view.is_due(&sample);
+    /// Stores a sample if it is due and its sector is not the most crowded of its full part. Returns whether it is due.
+    pub fn push_sample(&self, buffer: &mut SampleBuffer, state: &mut PartState, sample: Sample) -> bool {
+        let is_due = state.is_due(&sample);
         if is_due {
-            let circle = TurnCircle::fit_circle(&part_view.fit_then_held_back());
+            let circle = TurnCircle::fit_circle(Samples::new(buffer.all_samples()).samples_of_part(sample.part));
             let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
-            let sample_use = part_view.count_and_assign_use(&sample);
-            insert_balanced(&mut part_view, sample_use, self.quota, sample, sector_of);
-            self.update_coverage(&mut part_view, circle);
+            let sample_use = state.count_and_assign_use(&sample);
+            insert_balanced(buffer, sample_use, self.quota.quota_of(sample_use), sample, sector_of);
+            let fit_samples = Samples::new(buffer.samples_of_use(SampleUse::Fit)).samples_of_part(sample.part);
+            self.update_coverage(fit_samples, state, circle);
         }
         is_due
     }
 
-    fn update_coverage(&self, part_view: &mut PartView<'_>, circle: Option<TurnCircle>) {
-        let samples = part_view.samples_of_use(SampleUse::Fit);
-        let sample_count = samples.len() as u16;
+    fn update_coverage(&self, samples: Samples<'_>, state: &mut PartState, circle: Option<TurnCircle>) {
+        let sample_count = samples.iter().count() as u16;
         let turn_circle = circle.filter(|c| c.radius_ut >= self.min_radius_ut && sample_count >= self.min_samples);
         let (sectors, percent) = turn_circle.map_or((0, 0), |circle| {
             let counts = count_by_sector(samples, |s| circle.sector_of(s));
             // Completeness is latched: a later sample can shift the circle and its sector borders, but removes no
             // information.
-            let is_complete = part_view.coverage().is_complete();
-            let percent = if is_complete { 100 } else { self.balance_percent(&counts, sample_count) };
+            let percent = if state.percent >= 100 { 100 } else { self.balance_percent(&counts, sample_count) };
             (counts.iter().filter(|&&n| n > 0).count() as u8, percent)
         });
-        (part_view.part_state.covered_sector_count, part_view.part_state.percent) = (sectors, percent);
+        (state.covered_sector_count, state.percent) = (sectors, percent);
     }
 
     /// Lesser of sector filling and sample number, percent.
@@ -94,9 +101,9 @@ impl SectorBalance {
     }
 }
 
-fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> [u16; SECTOR_COUNT] {
+fn count_by_sector(samples: Samples<'_>, sector_of: impl Fn(&Sample) -> usize) -> [u16; SECTOR_COUNT] {
     let mut counts = [0; SECTOR_COUNT];
-    for sample in samples {
+    for sample in samples.iter() {
         if let Some(n) = counts.get_mut(sector_of(sample)) {
             *n += 1;
         }
@@ -104,25 +111,67 @@ fn count_by_sector(samples: &[Sample], sector_of: impl Fn(&Sample) -> usize) -> 
     counts
 }
 
-/// Stores a sample. A full part drops the oldest sample of the most crowded sector, or the new sample if it belongs
-/// there.
+/// Stores a sample. A part that has its quota drops the oldest sample of the most crowded sector, or the new sample if
+/// it belongs there.
 fn insert_balanced(
-    part_view: &mut PartView<'_>,
+    buffer: &mut SampleBuffer,
     sample_use: SampleUse,
-    quota: SampleQuota,
+    quota: usize,
     sample: Sample,
     sector_of: impl Fn(&Sample) -> usize,
 ) {
-    if !part_view.is_full(sample_use, quota) {
-        return part_view.insert_sample(sample_use, sample);
+    if buffer.part_count(sample_use, sample.part) < quota {
+        return buffer.insert_sample(sample_use, sample);
     }
-    let counts = count_by_sector(part_view.samples_of_use(sample_use), &sector_of);
+    let stored = buffer.samples_of_use(sample_use);
+    let counts = count_by_sector(Samples::new(stored).samples_of_part(sample.part), &sector_of);
     let crowded = (0..SECTOR_COUNT).max_by_key(|&sector| counts[sector]).unwrap_or(0);
     if crowded != sector_of(&sample)
-        && let Some(oldest) = part_view.samples_of_use(sample_use).iter().position(|s| sector_of(s) == crowded)
+        && let Some(oldest) = stored.iter().position(|s| s.part == sample.part && sector_of(s) == crowded)
     {
-        part_view.replace_sample(sample_use, oldest, sample);
+        buffer.replace_sample(sample_use, oldest, sample);
     }
+}
+
+const MIN_CIRCLE_POINTS: usize = 3;
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TurnCircle {
+    plane: PrincipalPlane,
+    centre_ut: Vector2<f32>,
+    pub radius_ut: f32,
+}
+
+impl TurnCircle {
+    /// Least-squares fit of `x^2 + y^2 = a x + b y + c` (I. Kasa, "A circle fitting procedure and its error analysis",
+    /// IEEE Trans. Instrum. Meas. 25(1), 1976) in the plane of the two largest principal axes. An arc is enough; `None`
+    /// if the fit is singular.
+    pub fn fit_circle(samples: Samples<'_>) -> Option<Self> {
+        if samples.iter().count() < MIN_CIRCLE_POINTS {
+            return None;
+        }
+        let plane = PrincipalPlane::fit_plane(samples, &Matrix3::identity())?;
+        let mut least_squares = LeastSquares::<3, 1>::new();
+        for sample in samples.iter() {
+            let p = plane.plane_coordinates(&sample.field.ut);
+            least_squares.add_weighted_row(&p.push(1.0), [p.norm_squared()], 1.0);
+        }
+        let solution = least_squares.solve()?;
+        let centre_ut = solution.xy() / 2.0;
+        let radius_ut = sqrt((centre_ut.norm_squared() + solution.z).max(0.0));
+        radius_ut.is_finite().then_some(Self { plane, centre_ut, radius_ut })
+    }
+
+    /// Heading sector of a sample, 0..[`SECTOR_COUNT`].
+    pub fn sector_of(&self, sample: &Sample) -> usize {
+        sector_of_direction(self.plane.plane_coordinates(&sample.field.ut) - self.centre_ut)
+    }
+}
+
+fn sector_of_direction(direction: Vector2<f32>) -> usize {
+    let turns = libm::atan2f(direction.y, direction.x) / TAU + 0.5;
+    // The cast saturates and maps NaN to 0.
+    ((turns * SECTOR_COUNT as f32) as usize).min(SECTOR_COUNT - 1)
 }
 
 #[cfg(test)]

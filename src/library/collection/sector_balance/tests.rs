@@ -1,9 +1,9 @@
 use testkit::random::Random;
 
-use super::super::test_samples::{circle_sample, collected, stored_times_ms, test_sample, turn_samples};
+use super::super::test_samples::{RADIUS_UT, circle_sample, collected, stored_times_ms, test_sample, turn_samples};
 use super::*;
+use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{CollectionPart, Samples};
 use crate::collection::Collector;
 use crate::collection::progress::PartCoverage;
 use crate::time::WrappingMillis;
@@ -111,7 +111,7 @@ fn a_full_part_rejects_samples_of_its_fullest_sector() {
 fn held_back_samples_cover_every_sector() {
     let collector = collected(Procedure::Turns, turn_samples(25.0, 0, 122, 13.0));
     let held_back = collector.held_back_samples().samples_of_part(CollectionPart::RIGHT);
-    let circle = TurnCircle::fit_circle(&Samples::new(held_back)).unwrap();
+    let circle = TurnCircle::fit_circle(held_back).unwrap();
     for sector in 0..SECTOR_COUNT {
         assert!(held_back.iter().filter(|s| circle.sector_of(s) == sector).count() >= 2, "sector {sector}");
     }
@@ -144,4 +144,54 @@ fn the_quota_must_suffice_for_a_complete_part() {
     ] {
         assert_eq!(balance.is_quota_sufficient(), is_sufficient, "{name}");
     }
+}
+
+fn circle_through(samples: &[Sample]) -> Option<TurnCircle> {
+    TurnCircle::fit_circle(Samples::new(samples))
+}
+
+/// 60 deg of arc. Tolerance: `f32` rounding of 100 uT hard iron squared, 1e-6, times ten.
+#[test]
+fn an_arc_determines_the_circle() {
+    let arc: Vec<Sample> = (0..=60).step_by(5).map(|heading_deg| circle_sample(heading_deg as f32)).collect();
+    let circle = circle_through(&arc).unwrap();
+    assert!((circle.radius_ut - RADIUS_UT).abs() < 0.01, "{circle:?}");
+}
+
+#[test]
+fn two_points_or_nonfinite_values_have_no_circle() {
+    let points = [0.0, 90.0, 200.0].map(circle_sample);
+    assert!(circle_through(&points[..2]).is_none());
+    assert!(circle_through(&points).is_some());
+    let broken = Sample { field: crate::frames::Field::from_ut(f32::NAN, 0.0, 0.0), ..points[0] };
+    assert!(circle_through(&[points[0], points[1], points[2], broken]).is_none());
+}
+
+/// An angle of exactly pi would be a thirteenth sector.
+#[test]
+fn an_angle_of_pi_is_in_the_last_sector() {
+    assert_eq!(
+        (sector_of_direction(Vector2::new(-1.0, 0.0)), sector_of_direction(Vector2::new(-1.0, -0.0))),
+        (SECTOR_COUNT - 1, 0)
+    );
+    assert_eq!(
+        [0.1, -0.1].map(|y| sector_of_direction(Vector2::new(1.0, y))),
+        [SECTOR_COUNT / 2, SECTOR_COUNT / 2 - 1]
+    );
+    assert_eq!(sector_of_direction(Vector2::new(f32::NAN, 1.0)), 0);
+}
+
+/// The position of the first sector depends on the plane's axes.
+#[test]
+fn sectors_are_twelve_of_thirty_degrees_in_order() {
+    let all: Vec<Sample> = (0..360_u16).map(|heading_deg| circle_sample(f32::from(heading_deg))).collect();
+    let circle = circle_through(&all).unwrap();
+    let sectors: Vec<usize> = all.iter().map(|s| circle.sector_of(s)).collect();
+    for sector in 0..SECTOR_COUNT {
+        let wide = sectors.iter().filter(|s| **s == sector).count();
+        assert!((29..=31).contains(&wide), "sector {sector} is {wide} deg wide");
+    }
+    let changes = sectors.iter().zip(sectors.iter().cycle().skip(1)).filter(|(a, b)| a != b);
+    assert_eq!(changes.clone().count(), SECTOR_COUNT);
+    assert!(changes.clone().all(|(a, b)| a.abs_diff(*b) == 1 || a.abs_diff(*b) == SECTOR_COUNT - 1));
 }

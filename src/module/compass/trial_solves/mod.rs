@@ -5,37 +5,31 @@ use autoswing::calibration::{Advice, Manoeuvre, NOTICEABLE_ERROR_RATIO, Solution
 use autoswing::collection::{CollectionProblem, Collector};
 use autoswing::time::WrappingMillis;
 
-struct TrialConfig {
-    /// Samples before the first trial: 40 to fit (three per unknown), and every fourth held back.
-    min_samples: u16,
-    /// Minimum interval, milliseconds: twenty times the duration of a solve (0.25 to 0.5 s at 80 MHz).
-    min_interval_ms: u32,
-    /// Distinct samples required since the last trial; a stationary vehicle produces none.
-    min_new_distinct_samples: u16,
-    /// Stored samples required since the last trial; with fewer the result hardly changes.
-    min_newly_stored_samples: u16,
-    /// With fewer stored samples, only every n-th trial runs (once a minute), to detect stagnation.
-    stagnation_trial_divisor: u8,
-    /// Consecutive trials (one minute), run or skipped, without noticeable improvement that end a collection.
-    max_stalled_trials: u8,
-    /// Ratio of the expected errors of two successive trials from which they are unchanged.
-    unchanged_error_ratio: f32,
-    /// Consecutive trials, run or skipped, with an unchanged expected error before a limit of the accuracy is known.
-    /// Without them, a recorded flight with 0 to 6 s cut off at its start ended at 0.8 or at 1.9 deg, depending on the
-    /// cut, and another at 1.3 to 2.1 deg.
-    min_settled_trials: u8,
-}
+/// Samples before the first trial: 40 to fit (three per unknown), and every fourth held back.
+const MIN_SAMPLES: u16 = 53;
 
-const TRIAL_CONFIG: TrialConfig = TrialConfig {
-    min_samples: 53,
-    min_interval_ms: 10_000,
-    min_new_distinct_samples: 10,
-    min_newly_stored_samples: 10,
-    stagnation_trial_divisor: 6,
-    max_stalled_trials: 6,
-    unchanged_error_ratio: 0.9,
-    min_settled_trials: 2,
-};
+/// Minimum interval, milliseconds: twenty times the duration of a solve (0.25 to 0.5 s at 80 MHz).
+const MIN_INTERVAL_MS: u32 = 10_000;
+
+/// Distinct samples required since the last trial; a stationary vehicle produces none.
+const MIN_NEW_DISTINCT_SAMPLES: u16 = 10;
+
+/// Stored samples required since the last trial; with fewer the result hardly changes.
+const MIN_NEWLY_STORED_SAMPLES: u16 = 10;
+
+/// With fewer stored samples, only every n-th trial runs (once a minute), to detect stagnation.
+const STAGNATION_TRIAL_DIVISOR: u8 = 6;
+
+/// Consecutive trials (one minute), run or skipped, without noticeable improvement that end a collection.
+const MAX_STALLED_TRIALS: u8 = 6;
+
+/// Ratio of the expected errors of two successive trials from which they are unchanged.
+const UNCHANGED_ERROR_RATIO: f32 = 0.9;
+
+/// Consecutive trials, run or skipped, with an unchanged expected error before a limit of the accuracy is known. Without
+/// them, a recorded flight with 0 to 6 s cut off at its start ended at 0.8 or at 1.9 deg, depending on the cut, and
+/// another at 1.3 to 2.1 deg.
+const MIN_SETTLED_TRIALS: u8 = 2;
 
 /// Result of a trial solve.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,7 +104,7 @@ impl TrialSchedule {
         last_trial_at: WrappingMillis::new(0),
         distinct_samples_at_last_trial: 0,
         stored_count_at_last_trial: 0,
-        skipped_trials: TRIAL_CONFIG.stagnation_trial_divisor - 1,
+        skipped_trials: STAGNATION_TRIAL_DIVISOR - 1,
         represented_trials: 0,
     };
 
@@ -118,18 +112,18 @@ impl TrialSchedule {
     pub fn start_trial_if_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         let (new_samples, stored_count) = (collector.distinct_sample_count() as u16, collector.stored_count());
         let is_early = if self.represented_trials == 0 {
-            stored_count < TRIAL_CONFIG.min_samples
+            stored_count < MIN_SAMPLES
         } else {
-            now.ms_since(self.last_trial_at) < TRIAL_CONFIG.min_interval_ms
-                || new_samples.wrapping_sub(self.distinct_samples_at_last_trial) < TRIAL_CONFIG.min_new_distinct_samples
+            now.ms_since(self.last_trial_at) < MIN_INTERVAL_MS
+                || new_samples.wrapping_sub(self.distinct_samples_at_last_trial) < MIN_NEW_DISTINCT_SAMPLES
         };
         if is_early {
             return false;
         }
         (self.last_trial_at, self.distinct_samples_at_last_trial) = (now, new_samples);
         self.skipped_trials += 1;
-        let is_due = self.skipped_trials >= TRIAL_CONFIG.stagnation_trial_divisor
-            || stored_count.wrapping_sub(self.stored_count_at_last_trial) >= TRIAL_CONFIG.min_newly_stored_samples;
+        let is_due = self.skipped_trials >= STAGNATION_TRIAL_DIVISOR
+            || stored_count.wrapping_sub(self.stored_count_at_last_trial) >= MIN_NEWLY_STORED_SAMPLES;
         if is_due {
             (self.stored_count_at_last_trial, self.skipped_trials, self.represented_trials) =
                 (stored_count, 0, self.skipped_trials);
@@ -139,8 +133,7 @@ impl TrialSchedule {
 
     /// Runs the next trial without waiting for newly stored samples.
     fn force_next_trial(&mut self) {
-        self.stored_count_at_last_trial =
-            self.stored_count_at_last_trial.wrapping_sub(TRIAL_CONFIG.min_newly_stored_samples);
+        self.stored_count_at_last_trial = self.stored_count_at_last_trial.wrapping_sub(MIN_NEWLY_STORED_SAMPLES);
     }
 }
 
@@ -193,12 +186,12 @@ impl TrialSolves {
 
     fn update_settled(&mut self, expected_error_deg: f32) -> bool {
         let last_deg = self.last_result.as_ref().and_then(|last_result| last_result.expected_error_deg);
-        self.settled_trials = if is_unchanged(last_deg, expected_error_deg, TRIAL_CONFIG.unchanged_error_ratio) {
+        self.settled_trials = if is_unchanged(last_deg, expected_error_deg, UNCHANGED_ERROR_RATIO) {
             self.settled_trials.saturating_add(self.schedule.represented_trials)
         } else {
             0
         };
-        self.settled_trials >= TRIAL_CONFIG.min_settled_trials
+        self.settled_trials >= MIN_SETTLED_TRIALS
     }
 
     fn update_stalled(&mut self, expected_error_deg: f32) -> bool {
@@ -209,7 +202,7 @@ impl TrialSolves {
             self.trials_since_improvement =
                 self.trials_since_improvement.saturating_add(self.schedule.represented_trials);
         }
-        self.trials_since_improvement >= TRIAL_CONFIG.max_stalled_trials
+        self.trials_since_improvement >= MAX_STALLED_TRIALS
     }
 }
 

@@ -359,7 +359,7 @@ fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) 
         .collect()
 }
 
-/// Recorded samples of a flight, ordered by part: for the fit, and held back.
+/// Recorded samples of a flight, in order of time: for the fit, and held back.
 #[derive(Clone, Debug)]
 pub struct Recording {
     fit_samples: Vec<Sample>,
@@ -386,7 +386,8 @@ impl Recording {
     }
 }
 
-/// The left turns are sampled before the right turns.
+/// The left turns are sampled before the right turns; the result is in order of time, at equal
+/// times in an arbitrary order.
 fn sample_turns(
     left_turns: &[TrueSample],
     right_turns: &[TrueSample],
@@ -396,12 +397,14 @@ fn sample_turns(
         .iter()
         .map(|true_sample| (true_sample, CollectionPart::LEFT))
         .chain(right_turns.iter().map(|true_sample| (true_sample, CollectionPart::RIGHT)));
-    true_samples.map(|(true_sample, part)| Sample { part, ..sample(true_sample) }).collect()
+    let mut samples: Vec<Sample> =
+        true_samples.map(|(true_sample, part)| Sample { part, ..sample(true_sample) }).collect();
+    samples.sort_by_key(|sample| (sample.time.as_ms(), sample.field.ut.x.to_bits().reverse_bits()));
+    samples
 }
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::Side;
     use log_analysis::numbers::square;
 
     use super::*;
@@ -453,11 +456,12 @@ mod tests {
             let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
             let (recording, _) = trial.record_flight(3, ConstantErrorSigmas::NO_ERRORS);
             let (fit_samples, held_back) = (recording.fit_samples(), recording.held_back());
-            for (fit_samples, held_back) in [Side::Left, Side::Right]
-                .map(|side| (fit_samples.samples_of_turn(side), held_back.samples_of_turn(side)))
+            let turns = |samples: Samples<'_>, part| samples.samples_of_part(part).iter().copied().collect::<Vec<_>>();
+            for (fit_samples, held_back) in
+                CollectionPart::TURNS.map(|part| (turns(fit_samples, part), turns(held_back, part)))
             {
                 assert_eq!(held_back.len(), fit_samples.len() - 1);
-                for (pair, held_back_sample) in fit_samples.windows(2).zip(held_back) {
+                for (pair, held_back_sample) in fit_samples.windows(2).zip(&held_back) {
                     assert_eq!(
                         (held_back_sample.time.ms_since(pair[0].time), pair[1].time.ms_since(held_back_sample.time)),
                         (250, 250)
@@ -487,9 +491,6 @@ mod tests {
             assert!(difference_deg.abs() < 0.5, "{difference_deg}");
         }
         assert!((mean_deg(first.held_back()) - mean_deg(second.held_back())).abs() > 1.0, "draws differ in their bias");
-        assert_ne!(
-            first.held_back().samples_of_turn(Side::Left)[0].field,
-            second.held_back().samples_of_turn(Side::Left)[0].field
-        );
+        assert_ne!(first.held_back().iter().next().unwrap().field, second.held_back().iter().next().unwrap().field);
     }
 }

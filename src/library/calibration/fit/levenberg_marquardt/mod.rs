@@ -9,7 +9,7 @@
 //!
 //! All in `f32`. With many samples the search sums normal equations, which takes a third of the instructions; the last
 //! pass, and all passes over few samples, rotate each equation into a triangle
-//! ([`least_squares`](crate::calibration::linear_algebra::least_squares)). Normal equations alone are not positive
+//! ([`least_squares`](crate::calibration::linear_algebra)). Normal equations alone are not positive
 //! definite in some compass swings; the scheme in use, rotations throughout, and sums solved in `f64` are equally
 //! accurate.
 //!

@@ -13,7 +13,7 @@
 use super::attitude_error::{AttitudeError, AttitudeErrorFinding, AttitudeErrorTestInput, AttitudeState};
 use super::score_test::EfficientScore;
 use crate::calibration::model::{ModelParameters, ResidualEquation, SampleEquations, Vector13};
-use crate::calibration::types::time_order::{PART_COUNT, TimeOrdered};
+use crate::calibration::types::samples::PART_COUNT;
 use crate::trig::sqrt;
 
 /// Bank-angle scale error in the table of attitude errors.
@@ -57,12 +57,12 @@ fn find_bank_scale_error(test: &AttitudeErrorTestInput<'_>) -> Option<AttitudeEr
     estimate.finding(test.assumed_sigma)?;
     let parameters = ModelParameters::from_unknowns(test.fit.unknowns);
     let mut clusters = ClusterVariance::default();
-    for (part, sample) in TimeOrdered::new(test.fit.samples) {
+    for sample in test.fit.samples.iter() {
         let equations = test.fit.likelihood.sample_equations(sample, None, &parameters);
         let attitude = sample.latency_compensated_attitude(test.fit.likelihood.latency_s);
         let state = AttitudeState::steady_turn(attitude, sample.rates);
         let by_bank = BANK_SCALE_ERROR.inclination_derivative(&equations, &state);
-        clusters.add_sample_score(part, &equations, by_bank, &score.nuisance_columns[0]);
+        clusters.add_sample_score(sample.part.index(), &equations, by_bank, &score.nuisance_columns[0]);
     }
     estimate.with_cluster_variance(clusters)?.finding(test.assumed_sigma)
 }

@@ -22,23 +22,17 @@
 //! hardly changes the norm. Hysteresis of 15 deg has 20 to 300 where it costs half a degree or more. In 60 flights
 //! without a change the first pass has at most 10 for linkage or hysteresis, both of which are tested once.
 
-mod score_sums;
-
 use nalgebra::{Matrix3, Vector3};
 
-pub(in crate::calibration) use self::score_sums::hard_iron_residuals;
-use self::score_sums::{HardIronSums, SampleProducts};
 use super::hysteresis::{Hysteresis, LastTurn};
-use super::score_test::ScoreTest;
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use super::score_test::{HardIronSums, SampleProducts, ScoreTest, hard_iron_residuals};
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
-use crate::calibration::linear_algebra::matrix::inverse;
+use crate::calibration::linear_algebra::inverse;
 use crate::calibration::model::{JacobianRow, ModelParameters, ResidualEquation, SampleEquations, Vector13};
-use crate::calibration::statistics::autocorrelation::Autocorrelation;
-use crate::calibration::statistics::residuals::ResidualStatistics;
-use crate::calibration::types::hard_iron_change::{DetectedHardIronChange, HardIronTimeCourse};
-use crate::calibration::types::samples::{Sample, Samples};
-use crate::calibration::types::time_order::{TimeOrdered, TimeSpan};
+use crate::calibration::statistics::residuals::{Autocorrelation, ResidualStatistics};
+use crate::calibration::types::quality::{DetectedHardIronChange, HardIronTimeCourse};
+use crate::calibration::types::samples::{Sample, Samples, TimeSpan};
 use crate::trig::{VectorLength as _, sqrt};
 
 /// Number of times at which a step is tested.
@@ -339,7 +333,7 @@ impl HardIronScan {
         let mut remaining = Autocorrelation::default();
         let mut norm_sums = ScoreTest::zero();
         let mut last_turn = LastTurn::default();
-        for (part, sample) in TimeOrdered::new(fit.samples) {
+        for sample in fit.samples.iter() {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
             let fraction = self.time_span.change_fraction_at(estimate.tested_time_course, sample);
             let response = if estimate.tested_time_course == TestedTimeCourse::Hysteresis {
@@ -356,7 +350,7 @@ impl HardIronScan {
                 residual * sqrt(equation.weight)
             };
             remaining.add_residuals(
-                part,
+                sample.part.index(),
                 [residual(&equations.norm_equation), equations.inclination_equation.as_ref().map_or(0.0, residual)],
             );
             norm_sums.add_weighted_equation(&equations.norm_equation, &derivative(&equations.norm_equation), fraction);

@@ -2,12 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::config::ModelConfig;
-use super::noise::{NoiseModel, ResidualCovariance};
-use super::parameters::ModelParameters;
-use super::prediction::FieldPrediction;
+use super::noise::{ModelConfig, NoiseModel, ResidualCovariance};
+use super::prediction::{FieldPrediction, ModelParameters};
 use super::unknowns::JacobianRow;
-use crate::calibration::linear_algebra::matrix::multiply;
+use crate::calibration::linear_algebra::multiply;
 use crate::frames::{AttitudeRotation, wrap_pi};
 use crate::trig::sqrt;
 

@@ -1,31 +1,24 @@
 //! Solver for all methods, in steps: from samples to a calibration with its quality.
 
-use super::ellipsoid;
 use super::inclination::GivenInclination;
-use super::refinement_start::{SampleCorrections, begin_refinement, choose_starting_point};
-use super::sample_checks::check_samples;
+use super::sample_checks::{check_samples, is_determined};
 use super::solve_attempts::{
-    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, has_small_error_and_hard_iron, is_accurate,
-    is_avoidable_by_another_start, is_poor,
+    ATTEMPT_QUEUE, Attempt, AttemptStart, MAX_SOLVE_STEPS, SampleCorrections, begin_refinement, choose_starting_point,
+    has_small_error_and_hard_iron, is_accurate, is_avoidable_by_another_start, is_poor,
 };
 use crate::calibration::assessment::Solution;
 use crate::calibration::closed_form::starting_point::{self, StartingPoint};
 use crate::calibration::closed_form::turns::{turn_progress_by_rates_rad, turn_progress_rad};
-use crate::calibration::fit::converged_fit::ConvergedFit;
+use crate::calibration::fit::ConvergedFit;
 use crate::calibration::fit::levenberg_marquardt::{Refinement, RefinementProgress as Refining};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error_table::assumed_sigmas;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{Likelihood, NoiseModel, PriorQuantity, Vector13};
-use crate::calibration::types::coefficients::Calibration;
-use crate::calibration::types::consider_states::ConsiderSigmas;
-use crate::calibration::types::error::SolveError;
-use crate::calibration::types::method::Method;
-use crate::calibration::types::orientation::Orientation;
-use crate::calibration::types::prior::Prior;
-use crate::calibration::types::quality::{AttitudeLatency, Quality};
-use crate::calibration::types::samples::{Sample, SamplePart, Samples, Side};
+use crate::calibration::types::coefficients::{Calibration, Orientation, Prior};
+use crate::calibration::types::quality::{AttitudeLatency, ConsiderSigmas, Method, Quality, SolveError};
+use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::{inclination_from_samples, unobservable_quantities};
 
@@ -266,7 +259,7 @@ impl Solver {
             Err(error) => return Some(Err(error)),
         };
         if self.method == Method::MaximumLikelihood && libm::fabsf(calibration.inclination_rad) > MAX_INCLINATION_RAD {
-            return Some(Err(SolveError::NotDetermined(SamplePart::All)));
+            return Some(Err(SolveError::NotDetermined(CollectionPart::FREE)));
         }
         if self.first_result.as_ref().is_some_and(|first| self.misfit(&calibration) >= first.misfit) {
             return Some(Err(SolveError::NotConverged));
@@ -350,7 +343,7 @@ impl Solver {
                 Some(change) if is_determined => SolveError::HardIronChanged(change.detected_change),
                 None if is_determined => error,
                 _ if error == SolveError::NotConverged => error,
-                _ => SolveError::NotDetermined(SamplePart::All),
+                _ => SolveError::NotDetermined(CollectionPart::FREE),
             }
         })?;
         if self.method == Method::MaximumLikelihood {
@@ -359,8 +352,8 @@ impl Solver {
             self.given_inclination
                 .check_inclination(sample_inclination, likelihood.config.known_inclination_sigma_rad)?;
         }
-        if self.method == Method::Ellipsoid && !ellipsoid::is_determined(refined_fit, information) {
-            return Err(SolveError::NotDetermined(SamplePart::All));
+        if self.method == Method::Ellipsoid && !is_determined(refined_fit, information) {
+            return Err(SolveError::NotDetermined(CollectionPart::FREE));
         }
         // Advice is not computed for a poor result that another starting point may improve.
         let needs_advice = |quality: &Quality| {
@@ -385,10 +378,8 @@ impl Solver {
     fn check_plausibility(&self, samples: Samples<'_>, calibration: &Calibration) -> Result<(), SolveError> {
         let heading = |s: &Sample| calibration.corrected_level_field(s).heading_rad();
         // The gyro gives the direction of turn; without it the bank does, for aircraft that bank into their turns.
-        let by_bank = || {
-            let sides = [Side::Left, Side::Right].into_iter();
-            sides.map(|side| turn_progress_rad(samples.samples_of_turn(side), side, heading)).sum::<f32>()
-        };
+        let by_bank =
+            || CollectionPart::TURNS.into_iter().map(|part| turn_progress_rad(samples, part, heading)).sum::<f32>();
         let progress = || turn_progress_by_rates_rad(samples, heading).unwrap_or_else(by_bank);
         if self.method != Method::Ellipsoid && progress() < REVERSED_TURN_LIMIT_RAD {
             return Err(SolveError::TurnsReversed);

@@ -2,8 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::coefficient_conversion::CoefficientConversion;
-use super::coefficient_covariance::CoefficientCovariance;
+use super::coefficient_covariance::{CoefficientConversion, CoefficientCovariance};
 use crate::calibration::model::{
     Likelihood, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector13, beta_index, heading_derivative_by_field,
     horizontal_squared, w_index,

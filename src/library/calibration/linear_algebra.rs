@@ -1,4 +1,4 @@
-//! Linear least squares in `f32`, one equation at a time.
+//! 3x3 matrices and linear least squares in `f32`, one equation at a time.
 //!
 //! Normal equations square the range of magnitudes: where the samples have a million times more information in one
 //! direction than the priors in another, `f32` loses the weaker one, and a product in `f64` takes a hundred
@@ -7,7 +7,7 @@
 //! Applics 12, 1973). nalgebra factorises complete matrices only. Where digits do not matter, the triangle can be made
 //! from normal equations.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Triangular system `D (U x - t)` of `N` unknowns and `M` right-hand sides: `D` `diagonal`, `U` unit `upper`
 /// triangular, `t` `right_sides`.
@@ -217,6 +217,25 @@ impl<const N: usize> LeastSquares<N, 1> {
         };
         0.5 * (0..N).map(reduction_of_row).sum::<f32>()
     }
+}
+
+/// Inverse of a 3x3 matrix, if it is regular.
+pub(crate) fn inverse(m: &Matrix3<f32>) -> Option<Matrix3<f32>> {
+    m.try_inverse()
+}
+
+/// Product of a matrix and a vector, in scalar expressions: optimised for size, nalgebra's is a loop of twice the time.
+#[inline]
+pub(crate) fn multiply(m: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
+    Vector3::new(
+        m.m11 * v.x + m.m12 * v.y + m.m13 * v.z,
+        m.m21 * v.x + m.m22 * v.y + m.m23 * v.z,
+        m.m31 * v.x + m.m32 * v.y + m.m33 * v.z,
+    )
+}
+
+pub(crate) fn matrix_rows(m: &Matrix3<f32>) -> [[f32; 3]; 3] {
+    core::array::from_fn(|row| core::array::from_fn(|column| m[(row, column)]))
 }
 
 #[cfg(test)]
