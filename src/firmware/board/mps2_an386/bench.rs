@@ -375,11 +375,13 @@ impl BenchTurns {
         static TURN_SAMPLES: ConstStaticCell<heapless::Vec<Sample, { 2 * SAMPLES_PER_TURN }>> =
             ConstStaticCell::new(heapless::Vec::new());
         let (turns, mut noise) = (TURN_SAMPLES.take(), Noise(1));
-        for (side, part) in [(-1.0, CollectionPart::LEFT), (1.0, CollectionPart::RIGHT)] {
-            turns.extend((0..SAMPLES_PER_TURN).map(|i| Sample { part, ..bench_sample(side, i, &mut noise) }));
+        let turn_ms = SAMPLES_PER_TURN as u32 * SAMPLE_INTERVAL_MS;
+        for (side, part, begin_ms) in [(-1.0, CollectionPart::LEFT, 0), (1.0, CollectionPart::RIGHT, turn_ms)] {
+            turns.extend((0..SAMPLES_PER_TURN).map(|i| {
+                let sample = bench_sample(side, i, &mut noise);
+                Sample { part, time: WrappingMillis::new(begin_ms + sample.time.as_ms()), ..sample }
+            }));
         }
-        // At equal times in an arbitrary order, so that every other sample is not of one side.
-        turns.sort_unstable_by_key(|sample| (sample.time.as_ms(), sample.field.ut.x.to_bits().reverse_bits()));
         Self(turns)
     }
 

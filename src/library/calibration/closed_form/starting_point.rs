@@ -54,15 +54,16 @@ const NO_HARD_IRON_WEIGHT: f32 = 1e-4;
 #[inline(never)]
 pub(crate) fn fit_sphere(new_sample: Option<&Sample>, samples: Samples<'_>) -> Option<(Vector3<f32>, f32)> {
     let sample_fields = || new_sample.into_iter().chain(samples.all_samples()).map(|sample| sample.field.ut);
-    let mean = sample_fields().sum::<Vector3<f32>>() / sample_fields().count() as f32;
+    let (sum, count) = sample_fields().fold((Vector3::zeros(), 0.0), |(sum, count), field| (sum + field, count + 1.0));
+    let mean = sum / count;
     // |m|^2 = 2 m . b + (r^2 - |b|^2) is linear in b and the bracket. The mean is subtracted to preserve digits.
     let mut least_squares = LeastSquares::<4, 1>::new();
     let mut mean_square_distance = 0.0;
-    for field in sample_fields() {
+    sample_fields().for_each(|field| {
         let p = field - mean;
         least_squares.add_weighted_row(&(p * 2.0).push(1.0), [p.norm_squared()], 1.0);
         mean_square_distance += p.norm_squared();
-    }
+    });
     // Ridge towards no hard iron: a single turn leaves the centre undetermined along its axis.
     for i in 0..3 {
         least_squares.add_weighted_row(&Vector4::ith(i, 1.0), [-mean[i]], NO_HARD_IRON_WEIGHT * mean_square_distance);
