@@ -340,8 +340,9 @@ impl Mavlink {
         self.receiver.rejected_count
     }
 
-    /// Appends the due message; called for every estimate, at least ten times a second. One message at most, so that the other port's sentences of the same reading are not delayed. All
-    /// messages together are fewer than the slowest sensor's readings.
+    /// Appends the due message; called for every estimate, at least ten times a second. One message at most, so that the
+    /// other port's sentences of the same reading are not delayed. All messages together are fewer than the slowest
+    /// sensor's readings.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let now = snapshot.now;
         self.sender_selector.record_field_contradiction(now, is_attitude_contradicted(snapshot.estimate.heading));
