@@ -1,5 +1,4 @@
-//! Electrical loads: the current of the first battery, and outputs and currents beside it that may bend the field of a
-//! compass.
+//! Electrical loads, whose field a compass measures, too: the current of the first battery, outputs and other currents.
 
 use std::collections::BTreeMap;
 

@@ -155,16 +155,15 @@ impl Mavlink {
         self.component_claim.has_other_line = has_other_line;
     }
 
-    /// System of which the module is a component.
-    fn system(&self, now: Timestamp) -> Option<SenderId> {
-        let autopilot = self.sender_selector.autopilot_to_query(now);
+    /// System of which the module is a component: the autopilot's, or its own.
+    fn system(&self, autopilot: Option<SenderId>) -> Option<SenderId> {
         autopilot.or(self.is_alone.then_some(LONE_SYSTEM.sender_id()))
     }
 
     fn process_message(&mut self, at: Timestamp, message: InboundMessage) -> Option<ReceivedMessage> {
         let autopilot = self.sender_selector.autopilot_to_query(at);
         let is_autopilot = |source: &SenderId| Some(*source) == autopilot;
-        let system = self.system(at);
+        let system = self.system(autopilot);
         let own_component = self.component_claim.component();
         let is_own_system = |source: SenderId| {
             let system_id = |sender| Address::from_sender(sender).system_id;
@@ -291,8 +290,8 @@ impl Mavlink {
         if !snapshot.settings.stream_on || !self.attitude_schedule.is_due(snapshot.now, ATTITUDE_HZ) {
             return false;
         }
-        let declination_rad = snapshot.settings.declination_deg.unwrap_or(0.0).to_radians();
-        let yaw_rad = snapshot.selected_heading().0.map(|heading| wrap_pi(heading.magnetic_rad + declination_rad));
+        let declination_deg = snapshot.settings.declination_deg.unwrap_or(0.0);
+        let yaw_rad = snapshot.selected_heading().0.map(|heading| yaw_rad(heading, declination_deg));
         line.send_message(OutboundMessage::attitude(
             snapshot.estimate.timestamp,
             [attitude.roll_rad, attitude.pitch_rad, yaw_rad.unwrap_or(f32::NAN)],
@@ -349,7 +348,7 @@ impl Mavlink {
         self.collection_reporter.track_state(snapshot, &mut self.pending_texts);
         let autopilot = self.sender_selector.autopilot_to_query(now);
         self.is_alone = HAS_OWN_ATTITUDE && autopilot.is_none() && snapshot.estimate.tilt_sigmas_rad.is_some();
-        let Some(system) = self.system(now) else { return };
+        let Some(system) = self.system(autopilot) else { return };
         let is_armed = self.sender_selector.is_armed(now);
         let is_settled = is_armed == Some(true) || self.is_alone;
         if let Some(component) = self.component_claim.update(now, snapshot.settings.component, is_settled) {
@@ -423,13 +422,17 @@ fn current_pose(snapshot: &Snapshot<'_>, is_smoothed: bool, reset_counter: u8) -
         _ => raw,
     };
     let (declination_deg, attitude) = (settings.declination_deg?, estimate.attitude?);
-    let yaw_rad = wrap_pi(heading.magnetic_rad + declination_deg.to_radians());
     Some(Pose {
         timestamp: estimate.timestamp,
-        roll_pitch_yaw_rad: [attitude.roll_rad, attitude.pitch_rad, yaw_rad],
+        roll_pitch_yaw_rad: [attitude.roll_rad, attitude.pitch_rad, yaw_rad(heading, declination_deg)],
         yaw_variance_rad2: heading.sigma_rad * heading.sigma_rad,
         reset_counter,
     })
+}
+
+/// True heading, radians, -pi..pi.
+fn yaw_rad(heading: Heading, declination_deg: f32) -> f32 {
+    wrap_pi(heading.magnetic_rad + declination_deg.to_radians())
 }
 
 #[cfg(test)]

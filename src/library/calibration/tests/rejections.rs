@@ -56,15 +56,7 @@ fn nonfinite_and_absurd_samples_are_rejected_in_every_part_and_by_every_method()
         |s| s.attitude.pitch_rad = f32::INFINITY,
         |s| s.attitude.pitch_rad = f32::NAN,
     ];
-    let methods = [
-        Method::Level,
-        Method::FourEllipse,
-        Method::TwoPlane,
-        Method::MaximumLikelihood,
-        Method::CompassSwing,
-        Method::Ellipsoid,
-    ];
-    for (change, method) in changes.into_iter().zip(methods.into_iter().cycle()) {
+    for (change, method) in changes.into_iter().zip(Method::ALL_METHODS.into_iter().cycle()) {
         let mut bad = good.clone();
         change(&mut bad[7]);
         let mark = HeadingMark { sample: bad[7], heading_rad: 0.0 };

@@ -86,7 +86,7 @@ fn a_nonfinite_coefficient_is_detected() {
 }
 
 #[test]
-fn names_of_axes_and_parts_are_stable() {
+fn names_of_axes_parts_and_methods_are_stable() {
     assert_eq!([Axis::X, Axis::Y, Axis::Z].map(Axis::axis_name), ["x", "y", "z"]);
     let parts = [
         CollectionPart::LEFT,
@@ -99,6 +99,8 @@ fn names_of_axes_and_parts_are_stable() {
         parts.map(CollectionPart::part_name),
         ["left turns", "right turns", "level headings", "marks", "all attitudes"]
     );
+    let names = ["level", "four-ellipse", "two-plane", "maximum-likelihood", "compass-swing", "ellipsoid"];
+    assert_eq!(Method::ALL_METHODS.map(Method::method_name), names);
 }
 
 #[test]

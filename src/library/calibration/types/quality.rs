@@ -107,6 +107,10 @@ pub enum Method {
 }
 
 impl Method {
+    /// All methods, in the order of their numbers.
+    pub const ALL_METHODS: [Self; 6] =
+        [Self::Level, Self::FourEllipse, Self::TwoPlane, Self::MaximumLikelihood, Self::CompassSwing, Self::Ellipsoid];
+
     /// Name shown to users, in JSON and in `cal solve`.
     #[must_use]
     pub const fn method_name(self) -> &'static str {

@@ -290,8 +290,8 @@ fn informative_samples_replace_uninformative_ones() {
     assert!(newly_stored >= banked_sum && newly_stored <= 400, "{newly_stored}, {banked_sum}");
 }
 
-/// A minute of level flight before or after four minutes of circles: level samples tell iron in turns from hard
-/// iron.
+/// A minute of level flight before or after four minutes of circles: level samples separate what iron does
+/// in turns from hard iron.
 #[test]
 fn circles_leave_a_quota_of_level_samples() {
     let circles = |start_s: u16| {

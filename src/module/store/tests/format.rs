@@ -192,14 +192,7 @@ fn variants_keep_their_numbers() {
     assert_numbers(&HeadingKind::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
     assert_numbers(&ProtocolKind::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
     assert_numbers(&BaudRate::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
-    assert_numbers(&[
-        Method::Level,
-        Method::FourEllipse,
-        Method::TwoPlane,
-        Method::MaximumLikelihood,
-        Method::CompassSwing,
-        Method::Ellipsoid,
-    ]);
+    assert_numbers(&Method::ALL_METHODS);
 }
 
 #[test]

@@ -44,7 +44,7 @@ impl BlackboxHeader {
         self.0.get(name).map_or("", String::as_str)
     }
 
-    /// The first number of a line, 0 if there is none.
+    /// The first number of a line; 0 for a missing or empty line.
     pub fn number(&self, name: &str) -> i32 {
         self.text(name).split(',').next().and_then(|number| number.parse().ok()).unwrap_or(0)
     }
@@ -79,7 +79,7 @@ impl FrameFields {
         self.names.iter().position(|known| known == name)
     }
 
-    /// Numbers of a frame; `None` if the bytes are none.
+    /// Numbers of a frame; `None` if the bytes are not a frame.
     pub fn decode_frame(&self, bytes: &mut FrameBytes<'_>, preceding: &PrecedingFrames<'_>) -> Option<Vec<i32>> {
         let mut numbers = bytes.decode_numbers(&self.encodings).filter(|numbers| !numbers.is_empty())?;
         for index in 0..numbers.len() {

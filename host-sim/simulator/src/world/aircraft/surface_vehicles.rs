@@ -109,6 +109,31 @@ pub(super) fn roll_pitch_on_slope([ahead, right]: [f64; 2]) -> [f64; 2] {
     [-libm::atan(right * libm::cos(pitch_rad)), pitch_rad]
 }
 
+/// Heading of a vehicle whose turn rate follows the command with a delay.
+#[derive(Clone, Copy, Debug)]
+struct DelayedTurn {
+    heading_rad: f64,
+    rate_rad_s: f64,
+    time_constant_s: f64,
+}
+
+impl DelayedTurn {
+    fn new(config: &VehicleConfig, time_constant_s: f64) -> Self {
+        Self { heading_rad: config.heading_deg.to_radians(), rate_rad_s: 0.0, time_constant_s }
+    }
+
+    fn advance(&mut self, command: VehicleCommand) {
+        self.rate_rad_s += (command.flat_turn_rate_rad_s() - self.rate_rad_s) * STEP_S / self.time_constant_s;
+        self.heading_rad += self.rate_rad_s * STEP_S;
+    }
+
+    /// Velocity ahead, to the north and to the east.
+    fn velocity_m_s(&self, speed_m_s: f64) -> [f64; 2] {
+        let (sin, cos) = libm::sincos(self.heading_rad);
+        [speed_m_s * cos, speed_m_s * sin]
+    }
+}
+
 /// Ground slope along any direction, standard deviation, degrees.
 const GROUND_SLOPE_SIGMA_DEG: f64 = 6.0;
 /// Time constant of the rover's turn rate, seconds.
@@ -120,34 +145,31 @@ const CURRENT_PER_SLOPE: f64 = 5.0;
 pub(super) struct Rover {
     config: VehicleConfig,
     ground: Surface,
-    heading_rad: f64,
-    turn_rate_rad_s: f64,
+    turn: DelayedTurn,
 }
 
 impl Rover {
     pub fn new(config: VehicleConfig, seed: u64) -> Self {
         let ground = Surface::rough_ground(GROUND_SLOPE_SIGMA_DEG, seed);
-        Self { config, ground, heading_rad: config.heading_deg.to_radians(), turn_rate_rad_s: 0.0 }
+        Self { config, ground, turn: DelayedTurn::new(&config, ROVER_TURN_RATE_TIME_CONSTANT_S) }
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
-        self.turn_rate_rad_s +=
-            (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / ROVER_TURN_RATE_TIME_CONSTANT_S;
-        self.heading_rad += self.turn_rate_rad_s * STEP_S;
+        self.turn.advance(command);
         let slope = forward_right(
-            self.heading_rad,
+            self.turn.heading_rad,
             self.ground.surface_slope([previous_state.north_m, previous_state.east_m], 0.0),
         );
         let [roll_rad, pitch_rad] = roll_pitch_on_slope(slope);
-        let (sin, cos) = libm::sincos(self.heading_rad);
         let speed_m_s = self.config.speed_m_s;
+        let [north_m_s, east_m_s] = self.turn.velocity_m_s(speed_m_s);
         TrueState {
             roll_rad,
             pitch_rad,
-            heading_rad: self.heading_rad,
-            north_m_s: speed_m_s * cos,
-            east_m_s: speed_m_s * sin,
-            disturbing_acceleration_m_s2: (speed_m_s * self.turn_rate_rad_s).abs(),
+            heading_rad: self.turn.heading_rad,
+            north_m_s,
+            east_m_s,
+            disturbing_acceleration_m_s2: (speed_m_s * self.turn.rate_rad_s).abs(),
             relative_current: (1.0 + CURRENT_PER_SLOPE * slope[0]).max(0.0),
             ..TrueState::default()
         }
@@ -172,8 +194,7 @@ const DRAG_TIME_CONSTANT_S: f64 = 1.5;
 pub(super) struct Boat {
     config: VehicleConfig,
     water: Surface,
-    heading_rad: f64,
-    turn_rate_rad_s: f64,
+    turn: DelayedTurn,
     /// Velocity north and east by the waves.
     wave_velocity_m_s: [f64; 2],
 }
@@ -185,21 +206,18 @@ impl Boat {
         Self {
             config,
             water,
-            heading_rad: config.heading_deg.to_radians(),
-            turn_rate_rad_s: 0.0,
+            turn: DelayedTurn::new(&config, BOAT_TURN_RATE_TIME_CONSTANT_S),
             wave_velocity_m_s: [0.0; 2],
         }
     }
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
-        self.turn_rate_rad_s +=
-            (command.flat_turn_rate_rad_s() - self.turn_rate_rad_s) * STEP_S / BOAT_TURN_RATE_TIME_CONSTANT_S;
-        self.heading_rad += self.turn_rate_rad_s * STEP_S;
+        self.turn.advance(command);
         let time_s = previous_state.time_us as f64 / 1e6;
         let place_m = [previous_state.north_m, previous_state.east_m];
         let slope = self.water.surface_slope(place_m, time_s);
         let water_m_s = self.water.orbital_velocity(place_m, time_s);
-        let [ahead, right] = forward_right(self.heading_rad, slope);
+        let [ahead, right] = forward_right(self.turn.heading_rad, slope);
         // Sloping water accelerates the boat by `g * slope`, its motion carries it along.
         self.wave_velocity_m_s = array::from_fn(|axis| {
             let velocity_m_s = self.wave_velocity_m_s[axis];
@@ -207,15 +225,15 @@ impl Boat {
             velocity_m_s - (GRAVITY_M_S2 * slope[axis] + drag_m_s2) * STEP_S
         });
         let speed_m_s = self.config.speed_m_s;
-        let centripetal_m_s2 = speed_m_s * self.turn_rate_rad_s;
+        let centripetal_m_s2 = speed_m_s * self.turn.rate_rad_s;
         let [rolled_rad, pitch_rad] = roll_pitch_on_slope([PITCH_PER_SLOPE * ahead, ROLL_PER_SLOPE * right]);
-        let (sin, cos) = libm::sincos(self.heading_rad);
+        let [north_m_s, east_m_s] = self.turn.velocity_m_s(speed_m_s);
         TrueState {
             roll_rad: rolled_rad - HEEL_PER_TURN_ANGLE * centripetal_m_s2 / GRAVITY_M_S2,
             pitch_rad,
-            heading_rad: self.heading_rad,
-            north_m_s: speed_m_s * cos + self.wave_velocity_m_s[0],
-            east_m_s: speed_m_s * sin + self.wave_velocity_m_s[1],
+            heading_rad: self.turn.heading_rad,
+            north_m_s: north_m_s + self.wave_velocity_m_s[0],
+            east_m_s: east_m_s + self.wave_velocity_m_s[1],
             disturbing_acceleration_m_s2: centripetal_m_s2.abs() + GRAVITY_M_S2 * libm::hypot(ahead, right),
             relative_current: 1.0,
             ..TrueState::default()
