@@ -151,7 +151,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
 fn a_solve_and_a_save_neither_delay_a_heading_nor_fill_the_stack() {
     let world = WorldConfig { reports_current: true, ..WorldConfig::of_table1(1).with_current_interference(8.0) };
     let mut emulator = start_emulator_in(&world);
-    emulator.send_console_line("stream rate 80");
+    emulator.send_console_line("set stream-rate 80");
     emulator.send_console_line("cal start turns");
     emulator.world().append_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 900.0 });
     emulator.world().append_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: -900.0 });
@@ -233,7 +233,7 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
     let far_ends = [FarEnd::Mavlink(mavlink_autopilot::MavlinkFirmware::ArduPilot), FarEnd::Unconnected];
     let mut emulator = Emulator::start_with(&image, WorldConfig::of_table1(1), far_ends, Arc::default()).unwrap();
     emulator.run_for_s(1.0);
-    emulator.send_console_line("stream rate 20");
+    emulator.send_console_line("set stream-rate 20");
     emulator.request_bench_test(BenchTest::PanicAtStarts);
     let check_safe_mode = |emulator: &mut Emulator, mut printed: String| {
         emulator.run_for_s(2.0);
@@ -262,7 +262,7 @@ fn after_three_panics_in_a_row_the_module_starts_in_safe_mode() {
 #[ignore = "needs qemu-system-arm and scripts/build-firmware"]
 fn a_reboot_ends_safe_mode() {
     let mut emulator = start_bench_emulator();
-    emulator.send_console_line("stream rate 20");
+    emulator.send_console_line("set stream-rate 20");
     for _ in 0..3 {
         emulator.request_bench_test(BenchTest::Panic);
         emulator.run_for_s(1.0);
@@ -326,7 +326,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
         Emulator::start_with(&image_path("mps2-an386.elf"), WorldConfig::of_table1(2), far_ends, Arc::default())
             .unwrap();
     emulator.run_for_s(1.0);
-    assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
+    assert!(emulator.send_console_line("set port2 msp").contains("ok port2 msp, baud 115200"));
     emulator.run_for_s(10.0);
     let [AttachedDevice::Mavlink(mavlink), AttachedDevice::Msp(msp)] = emulator.port_devices.clone() else { panic!() };
     assert_eq!(mavlink.borrow().message_rate_hz(30), Some(40.0), "of ATTITUDE");
@@ -340,7 +340,7 @@ fn mavlink_and_msp_run_at_once_on_the_emulator() {
     let heartbeats = mavlink.borrow_mut().take_received().iter().filter(|frame| frame.message_id == HEARTBEAT).count();
     assert!((9..=11).contains(&heartbeats), "{heartbeats}");
     let status = emulator.send_console_line("status all");
-    assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
+    assert!(status.contains("found mavlink\r\nport2: msp, baud 115200\r\n"), "{status}");
     assert!(status.contains("by the field model") && status.contains(" 0 not sent;"), "{status}");
 }
 

@@ -31,8 +31,8 @@ const COMMANDS: &[&str] = &[
     "cal undo",
     "cal abort",
     "stream",
-    "stream on",
-    "stream off",
+    "set stream on",
+    "set stream off",
     "set",
     "set align",
     "reboot",
@@ -88,7 +88,7 @@ const KEYS: &[&str] = &[
 
 /// A command with up to three words or numbers that commands take, fitting or not.
 fn typed_command() -> impl Strategy<Value = String> {
-    let of_settings = SETTINGS.iter().map(|setting| setting.command_words.join(" "));
+    let of_settings = SETTINGS.iter().map(|setting| format!("set {}", setting.command_word));
     let commands: Vec<String> = COMMANDS.iter().map(|words| (*words).to_owned()).chain(of_settings).collect();
     let words = SETTINGS.iter().flat_map(|setting| (0..).map_while(|index| setting.nth_word(index)));
     let arguments: Vec<&str> = words.map(|(word, _)| word).chain(ARGUMENTS.iter().copied()).collect();

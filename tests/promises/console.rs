@@ -46,8 +46,8 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal start tumble again", "ok collecting"),
         ("cal start swing again", "ok collecting"),
         ("cal mark 361", "error out-of-range: a magnetic heading is 0 to 360"),
-        ("cal auto off", "ok auto off, collects when asked"),
-        ("cal auto on", "ok auto on, collects automatically while uncalibrated"),
+        ("set auto off", "ok auto off"),
+        ("set auto on", "ok auto on"),
         ("cal abort", "ok uncalibrated"),
         ("cal stop", "error not-collecting: "),
         ("cal solve", "error no-samples: "),
@@ -57,25 +57,26 @@ fn every_command_answers_ok_or_error_with_a_code() {
         ("cal clear all", "ok uncalibrated"),
         ("cal undo", "error nothing-to-undo: "),
         ("cal abort", "ok uncalibrated"),
-        ("stream off", "ok stream off, 10 Hz, smooth heading"),
-        ("stream on", "ok stream on, 10 Hz, smooth heading"),
-        ("stream rate 20", "ok stream on, 20 Hz, smooth heading"),
-        ("stream rate 0", "error out-of-range: a rate is 1 to 80"),
-        ("stream heading raw", "ok stream on, 20 Hz, raw heading"),
-        ("stream heading smooth", "ok stream on, 20 Hz, smooth heading"),
+        ("set stream off", "ok stream off, 10 Hz, heading smooth"),
+        ("set stream on", "ok stream on, 10 Hz, heading smooth"),
+        ("set stream-rate 20", "ok stream on, 20 Hz, heading smooth"),
+        ("set stream-rate 0", "error out-of-range: stream-rate is 1 to 80 Hz"),
+        ("set heading raw", "ok stream on, 20 Hz, heading raw"),
+        ("set heading smooth", "ok stream on, 20 Hz, heading smooth"),
         ("set declination 3.5", "ok declination 3.5 deg"),
         ("set declination -11.25", "ok declination -11.25 deg"),
-        ("set declination 181", "error out-of-range: a declination is -180 to 180"),
+        ("set declination 181", "error out-of-range: declination is -180 to 180 deg"),
         ("set declination none", "ok declination not set"),
         ("set inclination 54.125", "ok inclination 54.125 deg"),
-        ("set inclination none", "ok inclination not set, found from the samples"),
+        ("set inclination none", "ok inclination not set"),
         ("set align 90", "error no-calibration: "),
         ("set align 400", "error out-of-range: a magnetic heading is 0 to 360"),
         ("set align none", "ok align 0.0 deg, added to every heading"),
-        ("set attitude-error 0.5 2", "ok attitude-error 0.50 deg, 2.0 % of bank, 1 sigma"),
-        ("set sensor-error 5 1", "ok sensor-error gyro 5.0 %, drift 1.00 % of the field a minute, 1 sigma"),
-        ("set attitude-error 5.1 20", "error out-of-range: a constant error is 0 to 5 degrees, one of bank 0 to 20 "),
-        ("set attitude-error default", "ok attitude-error 0.20 deg, 1.0 % of bank, 1 sigma"),
+        ("set attitude-error 0.5", "ok attitude-error 0.5 deg, 1.0 % of bank"),
+        ("set bank-error 2", "ok attitude-error 0.5 deg, 2.0 % of bank"),
+        ("set iron-drift 1", "ok iron-drift 1.0 % of the field a minute"),
+        ("set attitude-error 5.1", "error out-of-range: attitude-error is 0 to 5 deg"),
+        ("set attitude-error default", "ok attitude-error 0.2 deg, 2.0 % of bank"),
         ("set mount Roll180-YAW90", "ok mount roll180-yaw90, align 0.0 deg; uncalibrated"),
         ("frobnicate", "error unknown-command: "),
         ("reboot", "ok restarting"),
@@ -135,37 +136,41 @@ fn tab_completes_up_recalls_backspace_deletes() {
     assert!(rig.send_console_line("reboot\x15version").contains("ok autoswing"), "Ctrl-U takes the line away");
     assert!(rig.send_console_line("reboot\x03version").contains("^C\r\n> version\r\nok autoswing"), "so does Ctrl-C");
     // Tab prints the candidates and repeats the line.
-    rig.console.send_bytes(b"stream \t");
+    rig.console.send_bytes(b"autopilot \t");
     rig.run_for_s(0.1);
     let printed = rig.take_console_output();
-    assert!(printed.contains("\r\non  off  rate  heading  \r\n") && printed.ends_with("> stream "), "{printed:?}");
-    assert!(rig.send_console_line("off").contains("ok stream off"));
+    assert!(
+        printed.contains("\r\ncheck  setup  undo  restart  \r\n") && printed.ends_with("> autopilot "),
+        "{printed:?}"
+    );
+    assert!(rig.send_console_line("check").contains("ok asking the autopilot"));
 }
 
 #[test]
 fn settings_last_over_a_restart() {
     let mut rig = started_rig();
     rig.send_console_line("set declination -11.27");
-    assert!(full_status(&mut rig).contains("stream: on, 10 Hz, smooth heading"));
-    rig.send_console_line("stream rate 5");
-    rig.send_console_line("stream heading raw");
+    assert!(full_status(&mut rig).contains("stream: on, 10 Hz, heading smooth"));
+    rig.send_console_line("set stream-rate 5");
+    rig.send_console_line("set heading raw");
     rig.send_console_line("set inclination 61.125");
     rig.send_console_line("set mount yaw180");
-    rig.send_console_line("set attitude-error 1.25 3.125");
+    rig.send_console_line("set attitude-error 1.25");
+    rig.send_console_line("set bank-error 3.125");
     assert!(rig.send_console_line("reboot").contains("started by reboot"));
     let status = full_status(&mut rig);
     for line in [
-        "stream: on, 5 Hz, raw heading",
+        "stream: on, 5 Hz, heading raw",
         "declination: -11.27 deg",
         "inclination: 61.125 deg",
         "mount: yaw180",
-        "attitude-error: 1.25 deg, 3.125 % of bank, 1 sigma",
+        "attitude-error: 1.25 deg, 3.125 % of bank",
     ] {
         assert!(status.contains(line), "{line} in {status}");
     }
     rig.send_console_line("set attitude-error default");
     let status = full_status(&mut rig);
-    assert!(status.contains("attitude-error: 0.20 deg, 1.0 % of bank, 1 sigma"), "{status}");
+    assert!(status.contains("attitude-error: 0.2 deg, 3.125 % of bank"), "{status}");
 }
 
 #[test]
@@ -190,7 +195,7 @@ fn an_armed_module_refuses_ground_commands() {
         ("cal stop", "ok uncalibrated"),
         ("cal solve", "error "),
         ("cal abort", "ok uncalibrated"),
-        ("stream rate 20", "ok "),
+        ("set stream-rate 20", "ok "),
         ("set declination 3.5", "ok "),
         ("set align none", "ok "),
     ] {

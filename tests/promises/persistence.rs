@@ -66,7 +66,7 @@ fn a_power_cut_in_a_later_save_leaves_the_old_calibration() {
     for operations in 0..52 {
         for cut in CutProgress::ALL {
             rig.cut_power_after(operations, cut);
-            rig.console.send_bytes(format!("stream rate {}\r", 10 + operations).as_bytes());
+            rig.console.send_bytes(format!("set stream-rate {}\r", 10 + operations).as_bytes());
             if rig.run_for_s(0.5) == ModuleRunEnd::PowerCut {
                 power_cuts += 1;
             }

@@ -117,7 +117,7 @@ fn a_mavlink_autopilot_suffices_for_a_calibration_flight() {
         }));
         assert!(frames_with_id(HEARTBEAT, &before).len() >= 10);
         let status = full_status(&mut rig);
-        assert!(status.contains("port1: auto, 115200 baud, found mavlink\r\n"), "{status}");
+        assert!(status.contains("port1: auto, baud 115200, found mavlink\r\n"), "{status}");
         assert!(status.contains("by the field model"), "{status}");
         assert!(status.contains("armed: no\r\n"), "{status}");
         fly_routine(&mut rig);
@@ -163,7 +163,7 @@ fn msp_gets_the_raw_field_at_first_and_the_corrected_field_later() {
         assert!(compass_readings(&rig, 0).len() >= 15, "from power-up");
         run_for_s(&mut rig, 5.0);
         let status = full_status(&mut rig);
-        assert!(status.contains("port1: auto, 115200 baud, found msp\r\n"), "{status}");
+        assert!(status.contains("port1: auto, baud 115200, found msp\r\n"), "{status}");
         assert!(status.contains("armed: no\r\n") && status.contains("attitude: roll "), "{status}");
         let _ = compass_readings(&rig, 0);
         run_for_s(&mut rig, 10.0);
@@ -320,11 +320,11 @@ fn the_autopilot_is_set_up_from_the_console_or_by_a_ground_station() {
 fn mavlink_and_msp_run_at_once() {
     let mut rig = rig_with_far_ends(VehicleKind::Plane, [MAVLINK_ARDUPILOT, MSP_ARDUPILOT]);
     run_for_s(&mut rig, 1.0);
-    assert!(rig.send_console_line("set port2 msp").contains("ok port2 msp, 115200 baud"));
+    assert!(rig.send_console_line("set port2 msp").contains("ok port2 msp, baud 115200"));
     assert!(rig.send_console_line("set vision on").contains("ok vision on"));
     run_for_s(&mut rig, 10.0);
     let status = full_status(&mut rig);
-    assert!(status.contains("found mavlink\r\nport2: msp, 115200 baud\r\n"), "{status}");
+    assert!(status.contains("found mavlink\r\nport2: msp, baud 115200\r\n"), "{status}");
     fly_routine(&mut rig);
     let (_, rms) = readings_on_eight_headings(&mut rig, 1);
     assert!(rms < 1.0, "{rms} deg");
@@ -372,7 +372,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     const REBOOT: u16 = 246;
     let mut rig = rig_with_far_ends(VehicleKind::Copter, [MAVLINK_ARDUPILOT, FarEnd::Unconnected]);
     rig.run_for_s(5.0);
-    rig.send_console_line("cal auto off");
+    rig.send_console_line("set auto off");
     let _ = received_frames(&rig, 0);
     let received_frames_log = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {

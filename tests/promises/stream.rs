@@ -10,7 +10,7 @@ use crate::fixtures::{calibrated_rig, count_headings, full_status, received_sent
 fn every_sentence_is_sent_at_the_set_rate() {
     let mut rig = calibrated_rig();
     for (rate_hz, expected) in [(10, 50_usize), (1, 5), (40, 200), (80, 400)] {
-        rig.send_console_line(&format!("stream rate {rate_hz}"));
+        rig.send_console_line(&format!("set stream-rate {rate_hz}"));
         let received = received_sentences(&mut rig, 5.0);
         for sentence_kind in ["HCHDM", "HCHDG", "PASWH"] {
             let count = received.iter().filter(|sentence| sentence.sentence_kind == sentence_kind).count();
@@ -19,7 +19,7 @@ fn every_sentence_is_sent_at_the_set_rate() {
         }
         assert_eq!(count_headings(&received), received.len());
     }
-    rig.send_console_line("stream off");
+    rig.send_console_line("set stream off");
     assert!(received_sentences(&mut rig, 2.0).is_empty());
 }
 
@@ -32,7 +32,7 @@ fn the_pilot_chooses_which_heading_is_sent() {
     rig.run_for_s(25.0);
     let mut bends_deg = Vec::new();
     for heading_kind in ["smooth", "raw", "smooth"] {
-        rig.send_console_line(&format!("stream heading {heading_kind}"));
+        rig.send_console_line(&format!("set heading {heading_kind}"));
         rig.run_for_s(0.5);
         let received = received_sentences(&mut rig, 4.0);
         let qualities: Vec<_> = received.iter().filter(|sentence| sentence.sentence_kind == "PASWH").collect();

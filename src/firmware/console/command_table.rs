@@ -1,13 +1,11 @@
 //! Table of the console's commands, for parsing, completion, help and errors.
 //!
-//! A new command is one more row. The commands of settings derive from their table ([`SETTINGS`]).
-
-use core::slice;
+//! A new command is one more row. The commands `set` of settings derive from their table ([`SETTINGS`]), and come last.
 
 use autoswing::calibration::Method;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing_module::compass::{AutopilotAction, Command};
-use autoswing_module::settings::{SETTINGS, Setting, SettingChange, SettingKind, SettingValue};
+use autoswing_module::settings::{SETTINGS, Setting, SettingValue};
 
 /// Command that is not of settings, or the first word of several commands.
 #[derive(Debug)]
@@ -18,8 +16,6 @@ pub struct CommandSpec {
     pub help_text: &'static str,
     /// Form of the command.
     pub command_form: CommandForm,
-    /// Whether the commands of settings with the same first word follow.
-    precedes_settings: bool,
 }
 
 /// Form of a command.
@@ -38,7 +34,7 @@ pub enum CommandForm {
 pub enum ConsoleCommand {
     /// Command of this module's table.
     Own(&'static CommandSpec),
-    /// Change of a setting, and of those after it with the same words.
+    /// Change of a setting.
     Setting(&'static Setting),
 }
 
@@ -109,12 +105,7 @@ impl Arguments {
 
 impl CommandSpec {
     const fn new(first_word: &'static str, second_word: &'static str, help_text: &'static str) -> Self {
-        Self {
-            command_words: [first_word, second_word],
-            help_text,
-            command_form: CommandForm::Group,
-            precedes_settings: false,
-        }
+        Self { command_words: [first_word, second_word], help_text, command_form: CommandForm::Group }
     }
 
     const fn with_arguments(self, arguments: &'static [ArgumentSpec], to_request: fn(&Arguments) -> Request) -> Self {
@@ -124,10 +115,6 @@ impl CommandSpec {
     const fn with_request(self, to_request: fn(&Arguments) -> Request) -> Self {
         self.with_arguments(&[], to_request)
     }
-
-    const fn before_settings(self) -> Self {
-        Self { precedes_settings: true, ..self }
-    }
 }
 
 impl ConsoleCommand {
@@ -136,7 +123,7 @@ impl ConsoleCommand {
     pub const fn words(self) -> [&'static str; 2] {
         match self {
             Self::Own(command) => command.command_words,
-            Self::Setting(setting) => setting.command_words,
+            Self::Setting(setting) => ["set", setting.command_word],
         }
     }
 
@@ -162,10 +149,7 @@ impl ConsoleCommand {
                 arguments.get(index).map(CommandArgument::Own)
             }
             Self::Own(_) => None,
-            Self::Setting(first) => {
-                let mut settings = SETTINGS.iter().filter(|setting| setting.command_words == first.command_words);
-                settings.nth(index).map(CommandArgument::Setting)
-            }
+            Self::Setting(setting) => (index == 0).then_some(CommandArgument::Setting(setting)),
         }
     }
 
@@ -177,35 +161,8 @@ impl ConsoleCommand {
 
 /// All commands in the order of `help`, adjacent if they share the first word.
 pub fn all_commands() -> impl Iterator<Item = ConsoleCommand> {
-    CommandIterator { commands: COMMANDS.iter(), settings: [].iter(), first_word: "" }
-}
-
-/// Commands that follow, and settings of which the commands with `first_word` come before them.
-struct CommandIterator {
-    commands: slice::Iter<'static, CommandSpec>,
-    settings: slice::Iter<'static, Setting>,
-    first_word: &'static str,
-}
-
-impl Iterator for CommandIterator {
-    type Item = ConsoleCommand;
-
-    // Not inlined, so that flash contains one copy.
-    #[inline(never)]
-    fn next(&mut self) -> Option<ConsoleCommand> {
-        for setting in self.settings.by_ref().filter(|setting| setting.command_words[0] == self.first_word) {
-            match setting.kind {
-                SettingKind::Alignment(..) => return Some(ConsoleCommand::Own(&ALIGN_COMMAND)),
-                _ if setting.help_text.is_empty() => {}
-                _ => return Some(ConsoleCommand::Setting(setting)),
-            }
-        }
-        let command = self.commands.next()?;
-        if command.precedes_settings {
-            (self.settings, self.first_word) = (SETTINGS.iter(), command.command_words[0]);
-        }
-        Some(ConsoleCommand::Own(command))
-    }
+    let settings = SETTINGS.iter().filter(|setting| !setting.command_word.is_empty());
+    COMMANDS.iter().map(ConsoleCommand::Own).chain(settings.map(ConsoleCommand::Setting))
 }
 
 impl ArgumentSpec {
@@ -223,7 +180,7 @@ impl CommandArgument {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Own(argument) => argument.argument_name,
-            Self::Setting(setting) => setting.argument_name,
+            Self::Setting(_) => "VALUE",
         }
     }
 
@@ -277,8 +234,7 @@ static COMMANDS: &[CommandSpec] = &[
             }
             (_, procedure) => Command::CalStart(procedure.unwrap_or_default()).into(),
         },
-    )
-    .before_settings(),
+    ),
     CommandSpec::new("cal", "mark", "in a swing: record samples at this magnetic heading of the vehicle")
         .with_arguments(&[ArgumentSpec::new("HEADING", ArgumentKind::Heading(None))], |arguments| {
             Command::CalMark(arguments.number_argument(0).unwrap_or(f32::NAN)).into()
@@ -301,12 +257,6 @@ static COMMANDS: &[CommandSpec] = &[
         .with_request(|_| Command::CalUndo.into()),
     CommandSpec::new("cal", "abort", "stop the collection or the solve, delete the samples")
         .with_request(|_| Command::CalAbort.into()),
-    CommandSpec::new("stream", "", "heading sentences"),
-    CommandSpec::new("stream", "on", "send them").with_request(|_| Command::Set(STREAM_ON).into()),
-    CommandSpec::new("stream", "off", "do not send them")
-        .with_request(|_| Command::Set(STREAM_OFF).into())
-        .before_settings(),
-    CommandSpec::new("set", "", "settings").before_settings(),
     CommandSpec::new("autopilot", "", "the autopilot's parameters, by MAVLink"),
     CommandSpec::new("autopilot", "check", "compare its compass and its parameters with what the module needs")
         .with_request(|_| Command::Autopilot(AutopilotAction::Check).into()),
@@ -322,27 +272,25 @@ static COMMANDS: &[CommandSpec] = &[
     CommandSpec::new("autopilot", "restart", "restart the autopilot, while disarmed")
         .with_request(|_| Command::Autopilot(AutopilotAction::Restart).into()),
     CommandSpec::new("reboot", "", "restart the module").with_request(|_| Command::Restart.into()),
+    CommandSpec::new("set", "", "settings"),
+    CommandSpec::new(
+        "set",
+        "align",
+        "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
+    )
+    .with_arguments(
+        &[
+            ArgumentSpec::new("HEADING", ArgumentKind::Heading(Some("none"))),
+            ArgumentSpec::optional_argument("yes", ArgumentKind::Confirmation("yes")),
+        ],
+        |arguments| match arguments.0 {
+            [ArgumentValue::Number(heading_deg), ArgumentValue::Choice(_)] => {
+                Command::AlignConfirmed(heading_deg).into()
+            }
+            _ => Command::Align(arguments.number_argument(0)).into(),
+        },
+    ),
 ];
-
-/// Command of the alignment, among those of the settings.
-static ALIGN_COMMAND: CommandSpec = CommandSpec::new(
-    "set",
-    "align",
-    "magnetic heading of the vehicle now: removes a constant error; none: as calibrated; yes: of any size",
-)
-.with_arguments(
-    &[
-        ArgumentSpec::new("HEADING", ArgumentKind::Heading(Some("none"))),
-        ArgumentSpec::optional_argument("yes", ArgumentKind::Confirmation("yes")),
-    ],
-    |arguments| match arguments.0 {
-        [ArgumentValue::Number(heading_deg), ArgumentValue::Choice(_)] => Command::AlignConfirmed(heading_deg).into(),
-        _ => Command::Align(arguments.number_argument(0)).into(),
-    },
-);
-
-const STREAM_ON: SettingChange = SettingChange::new("STREAM", SettingValue::Whole(1));
-const STREAM_OFF: SettingChange = SettingChange::new("STREAM", SettingValue::Whole(0));
 
 /// Methods that a person may ask for; the others belong to a procedure.
 const METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::FourEllipse, Method::Level];

@@ -8,7 +8,7 @@ use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::heading::Heading;
 
 /// NMEA protocol of a port: `HCHDM`, `HCHDG`, `HCHDT` if the declination is known, and `PASWH`, with the rate of
-/// `stream rate` and the heading of `stream heading`; with an attitude of the own sensors also `HCROT`, `HCXDR` and `PASHR`,
+/// `set stream-rate` and the heading of `set heading`; with an attitude of the own sensors also `HCROT`, `HCXDR` and `PASHR`,
 /// at most 10 a second. The speed of a satellite receiver is received.
 #[derive(Debug, Default)]
 pub struct Nmea {

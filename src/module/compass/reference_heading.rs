@@ -45,7 +45,8 @@ impl Compass<'_> {
             let mean_sample = self.recent_samples.mean_at_rest(now).ok_or(Refusal::NotStationary)?;
             let shown_rad =
                 mean_sample.attitude.to_level_frame(calibration.corrected_body_field(&mean_sample)).heading_rad();
-            align_deg = wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees();
+            // To a hundredth of a degree, as it is shown.
+            align_deg = libm::roundf(100.0 * wrap_pi(heading_deg.to_radians() - shown_rad).to_degrees()) / 100.0;
             if align_deg.abs() > MAX_UNCONFIRMED_ALIGNMENT_DEG && !is_confirmed {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });
             }

@@ -102,7 +102,7 @@ impl Compass<'_> {
         starter == CollectionStarter::Module && !self.is_assumed_armed()
     }
 
-    /// Returns control to the module, for `cal auto` and `cal clear`.
+    /// Returns control to the module, for `set auto` and `cal clear`.
     pub(super) fn enable_automatic_start(&mut self, is_enabled: bool) {
         self.automatic_start.is_overridden = false;
         if !is_enabled && self.activity.is_automatic() {

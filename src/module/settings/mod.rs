@@ -9,23 +9,21 @@ use core::fmt;
 
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{ConsiderSigmas, Orientation};
+use autoswing::earth::EarthField;
 use autoswing::instrument::SensorErrorSigmas;
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
 pub use replaced_numbers::{ReplacedNumber, ReplacedNumbers};
-pub use setting::{Choice, DependentState, SettingKind, SettingRow, SettingValue, SigningKey};
-
-/// Row of the table of [`Settings`].
-pub type Setting = SettingRow<Settings>;
+pub use setting::{Choice, DependentState, Field, Setting, SettingValue, SigningKey};
 
 /// Declares [`Settings`] and [`SETTINGS`]. A row: name and position as a parameter (none: `""`), tag of the stored
-/// field, field, factory setting, kind of value; words of the command, name of its argument, help; line of `status all`, texts
-/// before and after the value; answer to a value out of its range; state that depends on the setting.
+/// field, field, factory setting, kind of value; of a number its range and unit, of an angle that of the field model;
+/// word of the command `set` (none: `""`), help; line of `status all` if it is not the word, text before the value;
+/// state that depends on the setting.
 macro_rules! settings {
     ($($(#[$description:meta])*
-       $name:literal $index:literal, stored $tag:literal:
-       $field:ident: $type:ty = $default:expr, $kind:ident $(($($particular:expr),*))?;
-       $words:tt $argument:literal: $help:literal;
-       shown $status:tt, refused $range:expr $(, used by $dependent:ident)?;)*) => {
+       $name:literal $index:literal, stored $tag:literal: $field:ident: $type:ty = $default:expr, $kind:ident
+       $($least:literal to $most:literal $unit:literal)? $(, model $model:expr)?;
+       $word:literal: $help:literal $(, shown $line:literal $label:literal)? $(, used by $dependent:ident)?;)*) => {
         /// User settings.
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub struct Settings {
@@ -39,137 +37,102 @@ macro_rules! settings {
             pub const DEFAULT: Self = Self { $($field: $default,)* replaced_numbers: ReplacedNumbers::NONE };
         }
 
-        /// All settings, in the order of `help`. Adjacent rows with the same words are the arguments of one command.
-        pub static SETTINGS: [Setting; [$($index),*].len()] = [$(SettingRow {
+        /// All settings, in the order of `help`.
+        pub static SETTINGS: [Setting; [$($index),*].len()] = [$(Setting {
             parameter_name: $name,
             parameter_index: $index,
             stored_tag: $tag,
-            kind: SettingKind::$kind(|settings| &mut settings.$field $($(, $particular)*)?),
-            command_words: $words,
-            argument_name: $argument,
+            field: |settings| Field::$kind(&mut settings.$field),
+            command_word: $word,
             help_text: $help,
-            status_texts: $status,
-            range_text: $range,
+            status_texts: [$([$line, $label],)? [$word, ""]][0],
+            range: [$([$least as f32, $most as f32],)? [0.0; 2]][0],
+            range_text: concat!($($least, " to ", $most, " ", $unit)?),
+            unit: concat!($($unit)?),
+            refusal_text: [
+                $(concat!($word, " is ", $least, " to ", $most, " ", $unit),)?
+                concat!($word, " has no such value"),
+            ][0],
+            model_angle: [$($model as fn(&EarthField) -> Option<f32>,)? |_: &EarthField| None][0],
             dependent_state: [$(DependentState::$dependent,)? DependentState::None][0],
         }),*];
     };
 }
 
-const ON_OR_OFF: [&str; 2] = ["off", "on"];
-const RANGE_OF_PROTOCOLS: &str = "a protocol that this firmware was built with";
-const RANGE_OF_BAUD_RATES: &str = "57600, 115200, 230400 or 460800 baud";
-const RANGE_OF_ATTITUDE_ERRORS: &str = "a constant error is 0 to 5 degrees, one of bank 0 to 20 percent";
-const RANGE_OF_SENSOR_ERRORS: &str =
-    "an error of the gyro is 0.1 to 20 percent, a drift 0.05 to 5 percent of the field";
-
-// `stream on`, `stream off` and `set align` are commands of their own. The rate of headings, and of the field, is at
-// most the measurement rate.
+// `set align` is a command of its own. The rate of headings, and of the field, is at most the measurement rate.
 settings! {
-    /// Whether headings are sent on the autopilot port.
-    "STREAM" 17, stored 7: stream_on: bool = true, Switch(ON_OR_OFF);
-        ["", ""] "": "";
-        shown ["stream", "", ""], refused "on or off";
+    "STREAM" 17, stored 7: stream_on: bool = true, Choice;
+        "stream": "send heading sentences";
     // Autopilots expect a compass at 10 Hz.
-    "STREAM_RATE" 18, stored 8: stream_rate_hz: u8 = 10, Whole([1, 80], "a second", None);
-        ["stream", "rate"] "HZ": "sentences per second";
-        shown ["stream", ", ", " Hz"], refused "a rate is 1 to 80 sentences a second";
+    "STREAM_RATE" 18, stored 8: stream_rate_hz: u8 = 10, Whole 1 to 80 "Hz";
+        "stream-rate": "sentences per second", shown "stream" "";
     "STREAM_HEADING" 19, stored 12: stream_heading: HeadingKind = HeadingKind::Smooth, Choice;
-        ["stream", "heading"] "KIND":
-            "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter";
-        shown ["stream", ", ", " heading"], refused "a heading is raw or smooth";
+        "heading": "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
+        shown "stream" "heading ";
     "DECLINATION" 5, stored 4: declination_deg: Option<f32> = None,
-        Angle([-180.0, 180.0], |field| field.declination_deg, "not set");
-        ["set", "declination"] "DEG": "declination, east positive; none: by the field model";
-        shown ["declination", "", ""], refused "a declination is -180 to 180 degrees";
+        Angle -180 to 180 "deg", model |field: &EarthField| field.declination_deg;
+        "declination": "declination, east positive; none: by the field model";
     "MOUNT" 7, stored 9: mount: Orientation = Orientation::IDENTITY_ROTATION, Choice;
-        ["set", "mount"] "ORIENTATION":
-            "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll";
-        shown ["mount", "", ""], refused "a mounting is one of the 24 right-angle ones", used by Calibration;
+        "mount": "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
+        used by Calibration;
     "INCLINATION" 6, stored 5: inclination_deg: Option<f32> = None,
-        Angle([-90.0, 90.0], |field| Some(field.inclination_deg), "not set, found from the samples");
-        ["set", "inclination"] "DEG":
-            "inclination of the local field, positive down; none: by the field model or the samples";
-        shown ["inclination", "", ""], refused "an inclination is -90 to 90 degrees, positive down", used by Solve;
+        Angle -90 to 90 "deg", model |field: &EarthField| Some(field.inclination_deg);
+        "inclination": "inclination of the local field, positive down; none: by model or samples",
+        used by Solve;
     /// Heading offset, degrees: yaw mounting angle of the attitude source, or of the sensor where the mounting is
     /// unobservable.
-    "" 0, stored 6: align_deg: f32 = 0.0, Alignment([-180.0, 180.0]);
-        ["set", "align"] "": "";
-        shown ["mount", ", align ", " deg"], refused "";
+    "" 0, stored 6: align_deg: f32 = 0.0, Number -180 to 180 "deg";
+        "": "", shown "mount" "align ";
     // A good, carefully levelled autopilot: the solver's default.
-    "ATT_ERROR_DEG" 8, stored 10: attitude_bias_deg: f32 = 0.2, Number([0.0, 5.0], "deg", 2, Some("default"));
-        ["set", "attitude-error"] "DEG":
-            "constant attitude error of a flight, 1 sigma: in degrees, and in percent of the bank";
-        shown ["attitude-error", "", " deg"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
-    /// Bank-angle scale error in turns, 1 sigma, percent.
-    "ATT_ERROR_BANK" 9, stored 11: bank_scale_error_percent: f32 = 1.0, Number([0.0, 20.0], "%", 1, None);
-        ["set", "attitude-error"] "PERCENT": "";
-        shown ["attitude-error", ", ", " % of bank, 1 sigma"], refused RANGE_OF_ATTITUDE_ERRORS, used by Solve;
+    "ATT_ERROR_DEG" 8, stored 10: attitude_bias_deg: f32 = 0.2, Number 0 to 5 "deg";
+        "attitude-error": "constant attitude error of a flight, 1 sigma", used by Solve;
+    "ATT_ERROR_BANK" 9, stored 11: bank_scale_error_percent: f32 = 1.0, Number 0 to 20 "% of bank";
+        "bank-error": "scale error of the bank angle in turns, 1 sigma", shown "attitude-error" "", used by Solve;
     // Up to the largest error that the monitor estimates; the defaults are those of the monitor.
-    "GYRO_ERROR" 20, stored 28: gyro_error_percent: f32 = 2.0, Number([0.1, 20.0], "%", 1, Some("default"));
-        ["set", "sensor-error"] "GYRO":
-            "errors that the monitor expects, 1 sigma: scale of the gyro, and drift of iron in a minute";
-        shown ["sensor-error", "gyro ", " %"], refused RANGE_OF_SENSOR_ERRORS;
-    /// Expected drift of the hard iron in a minute, 1 sigma, percent of the field.
-    "IRON_DRIFT" 21, stored 29: iron_drift_percent: f32 = 0.25, Number([0.05, 5.0], "% of the field", 2, None);
-        ["set", "sensor-error"] "DRIFT": "";
-        shown ["sensor-error", ", drift ", " % of the field a minute, 1 sigma"], refused RANGE_OF_SENSOR_ERRORS;
+    "GYRO_ERROR" 20, stored 28: gyro_error_percent: f32 = 2.0, Number 0.1 to 20 "%";
+        "gyro-error": "expected scale error of the gyro, 1 sigma";
+    "IRON_DRIFT" 21, stored 29: iron_drift_percent: f32 = 0.25, Number 0.05 to 5 "% of the field a minute";
+        "iron-drift": "expected drift of the hard iron, 1 sigma";
     // From the accuracy of the best compasses to the largest accepted expected error. 0.5 deg requires a whole routine:
     // of copters that stopped at 0.7 deg, after the first tilts, one in six had over three times the expected error.
-    "ACCURACY" 4, stored 13: accuracy_deg: f32 = 0.5, Number([0.2, 3.0], "deg", 1, None);
-        ["set", "accuracy"] "DEG": "expected error at which a collection in flight ends";
-        shown ["accuracy", "", " deg wanted"], refused "an accuracy is 0.2 to 3 degrees";
-    "AUTO" 3, stored 14: auto_on: bool = true,
-        Switch(["off, collects when asked", "on, collects automatically while uncalibrated"]);
-        ["cal", "auto"] "SWITCH":
-            "start collecting automatically while uncalibrated, as soon as the autopilot is armed";
-        shown ["auto", "", ""], refused "on or off", used by AutomaticStart;
+    "ACCURACY" 4, stored 13: accuracy_deg: f32 = 0.5, Number 0.2 to 3 "deg";
+        "accuracy": "expected error at which a collection in flight ends";
+    "AUTO" 3, stored 14: auto_on: bool = true, Choice;
+        "auto": "collect automatically while uncalibrated, as soon as the autopilot is armed", used by AutomaticStart;
     "PORT1" 13, stored 15: port1_protocol: ProtocolKind = ProtocolKind::Auto, Choice;
-        ["set", "port1"] "PROTOCOL": "protocol of the first port; auto: detect the autopilot's";
-        shown ["port1", "", ""], refused RANGE_OF_PROTOCOLS;
+        "port1": "protocol of the first port; auto: as the autopilot";
     // To instruments.
     "PORT2" 14, stored 17: port2_protocol: ProtocolKind = ProtocolKind::Nmea, Choice;
-        ["set", "port2"] "PROTOCOL": "protocol of the second port; auto: detect the autopilot's";
-        shown ["port2", "", ""], refused RANGE_OF_PROTOCOLS;
+        "port2": "protocol of the second port; auto: as the autopilot";
     "BAUD1" 15, stored 16: port1_baud: BaudRate = BaudRate::B115200, Choice;
-        ["set", "baud1"] "BAUD": "baud rate of the first port";
-        shown ["port1", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
+        "baud1": "baud rate of the first port", shown "port1" "baud ";
     "BAUD2" 16, stored 18: port2_baud: BaudRate = BaudRate::B115200, Choice;
-        ["set", "baud2"] "BAUD": "baud rate of the second port";
-        shown ["port2", ", ", " baud"], refused RANGE_OF_BAUD_RATES;
-    "VISION" 11, stored 19: sends_vision_yaw: bool = false, Switch(ON_OR_OFF);
-        ["set", "vision"] "SWITCH":
-            "send true yaw to a MAVLink autopilot, in place of its own compass; needs a declination";
-        shown ["vision", "", ""], refused "on or off";
+        "baud2": "baud rate of the second port", shown "port2" "baud ";
+    "VISION" 11, stored 19: sends_vision_yaw: bool = false, Choice;
+        "vision": "send true yaw to a MAVLink autopilot; needs a declination";
     "ATTITUDE" 23, stored 31: attitude_source: AttitudeSource = AttitudeSource::Autopilot, Choice;
-        ["set", "attitude"] "SOURCE": "whose roll and pitch; auto: own body rates, and all own without an autopilot";
-        shown ["attitude-source", "", ""], refused "a source of attitude is autopilot, own or auto", used by Solve;
+        "attitude": "whose roll and pitch; auto: own body rates, and all own without an autopilot",
+        shown "attitude-source" "", used by Solve;
     // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
-    "ATTITUDE_RATE" 10, stored 23: attitude_rate_hz: u8 = 40, Whole([20, 50], "a second", None);
-        ["set", "attitude-rate"] "HZ": "highest rate at which attitude is requested from a MAVLink autopilot";
-        shown ["attitude-rate", "", " Hz at most"], refused "a rate of attitude is 20 to 50 Hz";
+    "ATTITUDE_RATE" 10, stored 23: attitude_rate_hz: u8 = 40, Whole 20 to 50 "Hz";
+        "attitude-rate": "highest rate of attitude that is requested by MAVLink";
     "SIGNING" 12, stored 24: signing_key: Option<SigningKey> = None, Key;
-        ["set", "signing"] "PASSPHRASE":
-            "sign MAVLink frames, and reject others, with the key of a passphrase, one word";
-        shown ["signing", "", ""], refused "a passphrase or off";
+        "signing": "sign MAVLink frames, and reject others, with the key of a passphrase, one word";
     // MAV_COMP_ID_USER1 and above; 158 is MAV_COMP_ID_PERIPHERAL.
-    "COMPONENT" 24, stored 32: component: u8 = 158, Whole([25, 250], "in MAVLink", None);
-        ["set", "component"] "NUMBER": "MAVLink component of the module";
-        shown ["component", "", ""], refused "a component is 25 to 250 in MAVLink";
+    "COMPONENT" 24, stored 32: component: u8 = 158, Whole 25 to 250 "in MAVLink";
+        "component": "MAVLink component of the module";
     // Nodes 126 and 127 are for tools.
-    "CAN_NODE" 0, stored 25: can_node: u8 = 0, Whole([0, 125], "as a node", Some("by allocation"));
-        ["set", "can-node"] "NUMBER": "number on the CAN bus, after a restart; 0: the autopilot gives one";
-        shown ["can", "node ", ""], refused "a node is 1 to 125, or 0 to ask the autopilot for one";
+    "CAN_NODE" 0, stored 25: can_node: u8 = 0, Whole 0 to 125 "by command";
+        "can-node": "number on the CAN bus, after a restart; 0: by allocation", shown "can" "node ";
     // Autopilots drop a compass after 500 ms of silence.
-    "CAN_RATE" 1, stored 26: can_rate_hz: u8 = 50, Whole([5, 80], "a second", None);
-        ["set", "can-rate"] "HZ": "rate of the field on the CAN bus";
-        shown ["can", ", ", " Hz"], refused "a rate of the field is 5 to 80 Hz";
+    "CAN_RATE" 1, stored 26: can_rate_hz: u8 = 50, Whole 5 to 80 "Hz";
+        "can-rate": "rate of the field on the CAN bus", shown "can" "";
     // In three frames instead of one.
-    "CAN_COVARIANCE" 2, stored 27: can_sends_covariance: bool = false, Switch(ON_OR_OFF);
-        ["set", "can-covariance"] "SWITCH": "send the field on the CAN bus with its covariance";
-        shown ["can", ", covariance ", ""], refused "on or off";
-    "CAN_TERMINATE" 22, stored 30: can_is_terminated: bool = false, Switch(ON_OR_OFF);
-        ["set", "can-termination"] "SWITCH": "terminating resistor of the CAN bus, if the board switches one";
-        shown ["can", ", termination ", ""], refused "on or off";
+    "CAN_COVARIANCE" 2, stored 27: can_sends_covariance: bool = false, Choice;
+        "can-covariance": "send the field on the CAN bus with its covariance", shown "can" "covariance ";
+    "CAN_TERMINATE" 22, stored 30: can_is_terminated: bool = false, Choice;
+        "can-termination": "terminating resistor of the CAN bus, if the board has one",
+        shown "can" "termination ";
 }
 
 setting::named_choices! {
@@ -235,14 +198,11 @@ impl Settings {
     ///
     /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
     pub fn with_setting(mut self, SettingChange { setting, value }: SettingChange) -> Result<Self, OutOfRange> {
-        let is_set = match value {
-            SettingValue::Numbers(numbers) => {
-                let mut rows = SETTINGS.iter().skip_while(|row| *row != setting).zip(numbers);
-                rows.all(|(row, number)| row.set_value(&mut self, SettingValue::Number(Some(number))))
-            }
-            value => setting.set_value(&mut self, value),
-        };
-        if is_set && self.is_valid() { Ok(self) } else { Err(OutOfRange(setting.range_text)) }
+        if setting.set_value(&mut self, value) && self.is_valid() {
+            Ok(self)
+        } else {
+            Err(OutOfRange(setting.refusal_text))
+        }
     }
 }
 
@@ -273,7 +233,7 @@ impl Setting {
     }
 }
 
-/// Change of one setting, or of the two of one command.
+/// Change of a setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SettingChange {
     /// Setting to change.
@@ -283,18 +243,10 @@ pub struct SettingChange {
 }
 
 impl SettingChange {
-    /// Change of the setting with this parameter name; of numbers also of the next setting in the table.
-    ///
-    /// # Panics
-    ///
-    /// If no setting has this parameter name; callers pass constants.
+    /// Change of the setting with this parameter name; `None` if there is no such one, or for a value of another kind.
     #[must_use]
-    pub const fn new(parameter_name: &str, value: SettingValue) -> Self {
-        let mut index = 0;
-        while !is_equal_text(SETTINGS[index].parameter_name.as_bytes(), parameter_name.as_bytes()) {
-            index += 1;
-        }
-        Self { setting: &SETTINGS[index], value }
+    pub fn named(parameter_name: &str, value: SettingValue) -> Option<Self> {
+        Setting::from_parameter_name(parameter_name.as_bytes())?.change_to(value)
     }
 
     /// Whether a state depends on the setting. Calibrations come from solves.
@@ -302,15 +254,6 @@ impl SettingChange {
     pub fn affects(self, state: DependentState) -> bool {
         let dependent = self.setting.dependent_state;
         dependent == state || (dependent, state) == (DependentState::Calibration, DependentState::Solve)
-    }
-}
-
-const fn is_equal_text(first: &[u8], second: &[u8]) -> bool {
-    match (first, second) {
-        ([first, first_rest @ ..], [second, second_rest @ ..]) => {
-            *first == *second && is_equal_text(first_rest, second_rest)
-        }
-        _ => first.is_empty() && second.is_empty(),
     }
 }
 

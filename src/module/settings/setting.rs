@@ -4,12 +4,13 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::Settings;
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Orientation;
 use autoswing::earth::EarthField;
 
-/// Row of the table of settings; `S` is the structure that contains the values.
-pub struct SettingRow<S: 'static> {
+/// Row of the table of settings.
+pub struct Setting {
     /// Name of the parameter, at most 16 characters; empty if the setting is not a parameter.
     pub parameter_name: &'static str,
     /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
@@ -17,40 +18,41 @@ pub struct SettingRow<S: 'static> {
     pub parameter_index: u8,
     /// Tag of the stored field, never used again for another one.
     pub stored_tag: u8,
-    /// Kind of the value, and access to it.
-    pub kind: SettingKind<S>,
-    /// Words of the console's command; empty if the setting has none. Adjacent rows with the same words are the
-    /// arguments of one command.
-    pub command_words: [&'static str; 2],
-    /// Name of the argument in the command, upper case.
-    pub argument_name: &'static str,
-    /// Description in `help`; that of a command's first row counts.
-    pub help_text: &'static str,
-    /// Line of `status all`, shared with other settings, and the texts before and after the value. The line's place is
-    /// that of its last setting.
-    pub status_texts: [&'static str; 3],
-    /// Description of the valid range, for a value outside of it.
+    /// Selects the field with the value.
+    pub field: fn(&mut Settings) -> Field<'_>,
+    /// Least and largest number, not of choices and keys.
+    pub range: [f32; 2],
+    /// The range in words, with the unit.
     pub range_text: &'static str,
+    /// Unit of a number.
+    pub unit: &'static str,
+    /// Answer to a value out of the range.
+    pub refusal_text: &'static str,
+    /// Angle by the field model, which is in force while an angle is unset.
+    pub model_angle: fn(&EarthField) -> Option<f32>,
+    /// Word of the console's command, after `set`; empty if the setting has none.
+    pub command_word: &'static str,
+    /// Description in `help`.
+    pub help_text: &'static str,
+    /// Line of `status all`, shared with other settings, and the text before the value. The line's place is that of its
+    /// last setting.
+    pub status_texts: [&'static str; 2],
     /// State that depends on the setting, beside the output of headings.
     pub dependent_state: DependentState,
 }
 
-/// Kind of a setting, with access to its value.
-pub enum SettingKind<S: 'static> {
-    /// On or off, with the texts of off and on in `status all`.
-    Switch(fn(&mut S) -> &mut bool, [&'static str; 2]),
+/// Field of a setting, by the kind of its value.
+pub enum Field<'a> {
     /// One of several names.
-    Choice(fn(&mut S) -> &mut dyn Choice),
-    /// Whole number, with its range, unit, and the text in place of 0 in `status all`.
-    Whole(fn(&mut S) -> &mut u8, [u8; 2], &'static str, Option<&'static str>),
-    /// Number, with its range, unit, least decimals in `status all`, and the word that resets all numbers of the command.
-    Number(fn(&mut S) -> &mut f32, [f32; 2], &'static str, usize, Option<&'static str>),
-    /// Angle in degrees that may be unset, with its range. `status all` then shows the angle of the field model, or a text.
-    Angle(fn(&mut S) -> &mut Option<f32>, [f32; 2], fn(&EarthField) -> Option<f32>, &'static str),
-    /// Heading offset in degrees, with its range. It is measured by a command of its own.
-    Alignment(fn(&mut S) -> &mut f32, [f32; 2]),
-    /// Key, entered as a passphrase or `off`.
-    Key(fn(&mut S) -> &mut Option<SigningKey>),
+    Choice(&'a mut dyn Choice),
+    /// Whole number.
+    Whole(&'a mut u8),
+    /// Number.
+    Number(&'a mut f32),
+    /// Angle in degrees that may be unset.
+    Angle(&'a mut Option<f32>),
+    /// Key, entered as a passphrase.
+    Key(&'a mut Option<SigningKey>),
 }
 
 /// Value with a list of names.
@@ -115,6 +117,20 @@ pub(super) use {choice_of, named_choices};
 
 choice_of!(AttitudeSource, NAMED_SOURCES);
 
+impl Choice for bool {
+    fn number(&self) -> u8 {
+        (*self).into()
+    }
+
+    fn set_number(&mut self, number: u8) {
+        *self = number != 0;
+    }
+
+    fn nth_name(&self, number: u8) -> Option<&'static str> {
+        ["off", "on"].get(usize::from(number)).copied()
+    }
+}
+
 impl Choice for Orientation {
     fn number(&self) -> u8 {
         Self::number(*self)
@@ -145,12 +161,10 @@ pub enum DependentState {
 /// Value of a setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SettingValue {
-    /// Whole number; 0 and 1 of a switch, the position of a choice, or a choice's name if that is a number.
+    /// Whole number; of a choice its position, or its name if that is a number.
     Whole(u32),
     /// Number; `None` if unset.
     Number(Option<f32>),
-    /// Numbers of a setting and of the next one in the table, arguments of one command.
-    Numbers([f32; 2]),
     /// Key of MAVLink signatures.
     Key(Option<SigningKey>),
 }
@@ -162,7 +176,6 @@ impl SettingValue {
         match self {
             Self::Whole(number) => number as f32,
             Self::Number(number) => number.unwrap_or(f32::NAN),
-            Self::Numbers([number, _]) => number,
             Self::Key(key) => f32::from(u8::from(key.is_some())),
         }
     }
@@ -179,54 +192,45 @@ impl fmt::Debug for SigningKey {
     }
 }
 
-impl<S: Copy + Default> SettingRow<S> {
+impl Setting {
     /// Value in these settings.
     #[must_use]
-    pub fn value(&self, settings: &S) -> SettingValue {
-        let settings = &mut { *settings };
-        match self.kind {
-            SettingKind::Switch(field, _) => SettingValue::Whole((*field(settings)).into()),
-            SettingKind::Choice(field) => {
-                let choice = field(settings);
+    pub fn value(&self, settings: &Settings) -> SettingValue {
+        match (self.field)(&mut { *settings }) {
+            Field::Choice(choice) => {
                 SettingValue::Whole(named_value(choice, choice.number()).map_or(INVALID_CHOICE, |(_, value)| value))
             }
-            SettingKind::Whole(field, ..) => SettingValue::Whole((*field(settings)).into()),
-            SettingKind::Number(field, ..) | SettingKind::Alignment(field, _) => {
-                SettingValue::Number(Some(*field(settings)))
-            }
-            SettingKind::Angle(field, ..) => SettingValue::Number(*field(settings)),
-            SettingKind::Key(field) => SettingValue::Key(*field(settings)),
+            Field::Whole(number) => SettingValue::Whole((*number).into()),
+            Field::Number(number) => SettingValue::Number(Some(*number)),
+            Field::Angle(angle_deg) => SettingValue::Number(*angle_deg),
+            Field::Key(key) => SettingValue::Key(*key),
         }
     }
 
     /// Value of this setting's kind from a finite number; `None` for a fraction of a whole number, and for a key.
     #[must_use]
     pub fn number_value(&self, number: f32) -> Option<SettingValue> {
-        match self.kind {
-            SettingKind::Key(_) => None,
-            SettingKind::Number(..) | SettingKind::Angle(..) | SettingKind::Alignment(..) => {
-                Some(SettingValue::Number(Some(number)))
-            }
+        match self.value(&Settings::DEFAULT) {
+            SettingValue::Key(_) => None,
             // The cast saturates, so that a negative number or a fraction differs from its whole number.
-            _ => Some(number as u32).filter(|whole| *whole as f32 - number == 0.0).map(SettingValue::Whole),
+            SettingValue::Whole(_) => {
+                Some(number as u32).filter(|whole| *whole as f32 - number == 0.0).map(SettingValue::Whole)
+            }
+            SettingValue::Number(_) => Some(SettingValue::Number(Some(number))),
         }
     }
 
     /// Sets the value, also one out of its range; returns whether the kind of setting can have it.
-    pub(super) fn set_value(&self, settings: &mut S, value: SettingValue) -> bool {
-        match (&self.kind, value) {
-            (SettingKind::Switch(field, _), SettingValue::Whole(number @ 0..=1)) => *field(settings) = number == 1,
-            (SettingKind::Choice(field), SettingValue::Whole(value)) => {
-                let choice = field(settings);
-                let Some(number) = named_values(choice).position(|(_, named)| named == value) else { return false };
-                choice.set_number(number as u8);
+    pub(super) fn set_value(&self, settings: &mut Settings, value: SettingValue) -> bool {
+        match ((self.field)(settings), value) {
+            (Field::Choice(choice), SettingValue::Whole(value)) => {
+                let number = named_values(choice).position(|(_, named)| named == value);
+                return number.inspect(|number| choice.set_number(*number as u8)).is_some();
             }
-            (SettingKind::Whole(field, ..), SettingValue::Whole(number @ 0..=255)) => *field(settings) = number as u8,
-            (SettingKind::Number(field, ..), SettingValue::Number(value)) => {
-                *field(settings) = value.unwrap_or(f32::NAN);
-            }
-            (SettingKind::Angle(field, ..), SettingValue::Number(value)) => *field(settings) = value,
-            (SettingKind::Key(field), SettingValue::Key(key)) => *field(settings) = key,
+            (Field::Whole(field), SettingValue::Whole(number @ 0..=255)) => *field = number as u8,
+            (Field::Number(field), SettingValue::Number(value)) => *field = value.unwrap_or(f32::NAN),
+            (Field::Angle(field), SettingValue::Number(value)) => *field = value,
+            (Field::Key(field), SettingValue::Key(key)) => *field = key,
             _ => return false,
         }
         true
@@ -234,7 +238,7 @@ impl<S: Copy + Default> SettingRow<S> {
 
     /// Whether the value in these settings is within its range.
     #[must_use]
-    pub fn is_valid(&self, settings: &S) -> bool {
+    pub fn is_valid(&self, settings: &Settings) -> bool {
         let value = self.value(settings);
         let is_within =
             |[least, most]: [SettingValue; 2]| (least.to_number()..=most.to_number()).contains(&value.to_number());
@@ -244,38 +248,31 @@ impl<S: Copy + Default> SettingRow<S> {
     /// Least and largest value; `None` of a key.
     #[must_use]
     pub fn value_range(&self) -> Option<[SettingValue; 2]> {
-        match &self.kind {
-            SettingKind::Switch(..) => Some([0, 1].map(SettingValue::Whole)),
-            SettingKind::Choice(field) => {
-                let settings = &mut S::default();
-                let mut values = named_values(field(settings)).map(|(_, value)| SettingValue::Whole(value));
+        match (self.field)(&mut { Settings::DEFAULT }) {
+            Field::Choice(choice) => {
+                let mut values = named_values(choice).map(|(_, value)| SettingValue::Whole(value));
                 Some([values.next()?, values.last()?])
             }
-            SettingKind::Whole(_, range, ..) => Some(range.map(|number| SettingValue::Whole(number.into()))),
-            SettingKind::Number(_, range, ..) | SettingKind::Angle(_, range, ..) | SettingKind::Alignment(_, range) => {
-                Some(range.map(|number| SettingValue::Number(Some(number))))
-            }
-            SettingKind::Key(_) => None,
+            Field::Whole(_) => Some(self.range.map(|number| SettingValue::Whole(number as u32))),
+            Field::Number(_) | Field::Angle(_) => Some(self.range.map(|number| SettingValue::Number(Some(number)))),
+            Field::Key(_) => None,
         }
     }
 
-    /// Word with this index that commands accept as the value, and that value.
+    /// Word with this index that commands accept as the value, and that value. One word is the factory setting, if no
+    /// choice has a name.
     #[must_use]
     pub fn nth_word(&self, index: usize) -> Option<(&'static str, SettingValue)> {
-        let only_word = match self.kind {
-            SettingKind::Switch(..) => {
-                return [("on", 1), ("off", 0)].get(index).map(|(word, on)| (*word, SettingValue::Whole(*on)));
+        let word = match (self.field)(&mut { Settings::DEFAULT }) {
+            Field::Choice(choice) => {
+                let (name, value) = named_value(choice, u8::try_from(index).ok()?)?;
+                return Some((name, SettingValue::Whole(value)));
             }
-            SettingKind::Choice(field) => {
-                let named = named_value(field(&mut S::default()), u8::try_from(index).ok()?);
-                return named.map(|(name, value)| (name, SettingValue::Whole(value)));
-            }
-            SettingKind::Number(.., word) => (word?, self.value(&S::default())),
-            SettingKind::Angle(..) => ("none", SettingValue::Number(None)),
-            SettingKind::Key(_) => ("off", SettingValue::Key(None)),
-            SettingKind::Whole(..) | SettingKind::Alignment(..) => return None,
+            Field::Whole(_) | Field::Number(_) => "default",
+            Field::Angle(_) => "none",
+            Field::Key(_) => "off",
         };
-        (index == 0).then_some(only_word)
+        (index == 0).then(|| (word, self.value(&Settings::DEFAULT)))
     }
 }
 
@@ -292,14 +289,14 @@ fn named_value(choice: &dyn Choice, number: u8) -> Option<(&'static str, u32)> {
     choice.nth_name(number).map(|name| (name, name.parse().unwrap_or(number.into())))
 }
 
-impl<S> PartialEq for SettingRow<S> {
+impl PartialEq for Setting {
     /// Each row is a setting of its own.
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self, other)
     }
 }
 
-impl<S> fmt::Debug for SettingRow<S> {
+impl fmt::Debug for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.parameter_name)
     }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::fields::{FieldVisitor, StoredFields};
-use crate::settings::{PORT_COUNT, ProtocolKind, SETTINGS, SettingKind, Settings};
+use crate::settings::{Field, PORT_COUNT, ProtocolKind, SETTINGS, Settings};
 use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::calibration::{
     AttitudeEnvelope, AttitudeLatency, Calibration, HeadingUncertainty, Method, MotorCurrentInterference, Orientation,
@@ -264,20 +264,16 @@ const REPLACED_NUMBERS_TAG: u8 = 200;
 
 /// Visits the setting with a tag, if there is one, in the type that its kind is stored as. A choice is its number.
 fn visit_setting(tag: u8, settings: &mut Settings, visitor: &mut impl FieldVisitor) {
-    match SETTINGS.iter().find(|setting| setting.stored_tag == tag).map(|setting| &setting.kind) {
-        Some(SettingKind::Switch(field, _)) => visitor.visit_optional(tag, field(settings)),
-        Some(SettingKind::Choice(field)) => {
-            let choice = field(settings);
+    let Some(setting) = SETTINGS.iter().find(|setting| setting.stored_tag == tag) else { return };
+    match (setting.field)(settings) {
+        Field::Choice(choice) => {
             let mut number = choice.number();
             visitor.visit_optional(tag, &mut number);
             choice.set_number(number);
         }
-        Some(SettingKind::Whole(field, ..)) => visitor.visit_optional(tag, field(settings)),
-        Some(SettingKind::Number(field, ..) | SettingKind::Alignment(field, _)) => {
-            visitor.visit_optional(tag, field(settings));
-        }
-        Some(SettingKind::Angle(field, ..)) => visitor.visit_optional(tag, field(settings)),
-        Some(SettingKind::Key(field)) => visitor.visit_optional(tag, field(settings)),
-        None => {}
+        Field::Whole(number) => visitor.visit_optional(tag, number),
+        Field::Number(number) => visitor.visit_optional(tag, number),
+        Field::Angle(angle_deg) => visitor.visit_optional(tag, angle_deg),
+        Field::Key(key) => visitor.visit_optional(tag, key),
     }
 }

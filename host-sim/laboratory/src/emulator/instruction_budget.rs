@@ -94,7 +94,7 @@ fn sample_path_instruction_count(emulator: &mut Emulator) -> Option<u64> {
     const HEADING_COUNT: u8 = 8;
     let heading_rate_deg_s = 15.0;
     let step_deg = 360.0 / f64::from(HEADING_COUNT);
-    emulator.send_console_line("stream rate 80");
+    emulator.send_console_line("set stream-rate 80");
     emulator.send_console_line("cal start swing");
     for i in 0..HEADING_COUNT {
         let heading_deg = f64::from(i) * step_deg;

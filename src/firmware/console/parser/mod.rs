@@ -9,9 +9,9 @@ use super::command_table::{
 use super::line_editor::LINE_CAPACITY;
 use crate::console::wrapped_lines::WrappedLines;
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing::decimal::{self, ShortestDecimal};
+use autoswing::decimal;
 use autoswing_module::compass::Command;
-use autoswing_module::settings::{Setting, SettingChange, SettingKind, SettingValue, Settings};
+use autoswing_module::settings::{Field, Setting, SettingChange, SettingValue, Settings};
 
 /// Reason why a line is invalid.
 #[derive(Clone, Copy, Debug)]
@@ -189,30 +189,15 @@ fn parse_arguments<'a>(
     if words.next().is_some() {
         return Err(LineError::UnexpectedArgument(command));
     }
-    Ok(match command {
-        ConsoleCommand::Own(CommandSpec { command_form: CommandForm::Request(_, to_request), .. }) => {
+    Ok(match (command, &arguments.0) {
+        (ConsoleCommand::Own(CommandSpec { command_form: CommandForm::Request(_, to_request), .. }), _) => {
             to_request(&arguments)
         }
-        ConsoleCommand::Own(_) => Request::Help(Some(command)),
-        ConsoleCommand::Setting(setting) => Command::Set(setting_change(setting, command, &arguments)).into(),
-    })
-}
-
-/// Change of a command's settings; an omitted value is the default.
-fn setting_change(setting: &'static Setting, command: ConsoleCommand, arguments: &Arguments) -> SettingChange {
-    let value_of = |setting: &Setting, argument| match argument {
-        ArgumentValue::Setting(value) => value,
-        _ => setting.value(&Settings::DEFAULT),
-    };
-    let [first, second] = arguments.0;
-    let value = value_of(setting, first);
-    let Some(CommandArgument::Setting(next)) = command.nth_argument(1) else { return SettingChange { setting, value } };
-    match (value, value_of(next, second)) {
-        (SettingValue::Number(Some(first)), SettingValue::Number(Some(second))) => {
-            SettingChange { setting, value: SettingValue::Numbers([first, second]) }
+        (ConsoleCommand::Setting(setting), &[ArgumentValue::Setting(value), _]) => {
+            Command::Set(SettingChange { setting, value }).into()
         }
-        _ => SettingChange { setting, value },
-    }
+        _ => Request::Help(Some(command)),
+    })
 }
 
 fn parse_value(argument: CommandArgument, typed: &str) -> Option<ArgumentValue> {
@@ -221,11 +206,9 @@ fn parse_value(argument: CommandArgument, typed: &str) -> Option<ArgumentValue> 
         (CommandArgument::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }), None) => {
             decimal::parse_decimal(typed).map(ArgumentValue::Number)
         }
-        (
-            CommandArgument::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. })
-            | CommandArgument::Setting(Setting { kind: SettingKind::Number(..), .. }),
-            Some(_),
-        ) => Some(ArgumentValue::Absent),
+        (CommandArgument::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }), Some(_)) => {
+            Some(ArgumentValue::Absent)
+        }
         (CommandArgument::Own(_), word) => word.map(ArgumentValue::Choice),
         (CommandArgument::Setting(setting), Some(index)) => {
             setting.nth_word(index).map(|(_, value)| ArgumentValue::Setting(value))
@@ -236,13 +219,13 @@ fn parse_value(argument: CommandArgument, typed: &str) -> Option<ArgumentValue> 
 
 /// Parses a value that is not one of the setting's words.
 fn parse_setting_value(setting: &Setting, typed: &str) -> Option<SettingValue> {
-    match setting.kind {
-        SettingKind::Switch(..) | SettingKind::Choice(_) | SettingKind::Alignment(..) => None,
-        SettingKind::Whole(..) => typed.parse::<u8>().ok().map(|number| SettingValue::Whole(number.into())),
-        SettingKind::Number(..) | SettingKind::Angle(..) => {
+    match (setting.field)(&mut { Settings::DEFAULT }) {
+        Field::Choice(_) => None,
+        Field::Whole(_) => typed.parse::<u8>().ok().map(|number| SettingValue::Whole(number.into())),
+        Field::Number(_) | Field::Angle(_) => {
             decimal::parse_decimal(typed).map(|number| SettingValue::Number(Some(number)))
         }
-        SettingKind::Key(_) => Some(SettingValue::Key(Some(key_from_passphrase(typed)))),
+        Field::Key(_) => Some(SettingValue::Key(Some(key_from_passphrase(typed)))),
     }
 }
 
@@ -370,20 +353,17 @@ impl Display for ConsoleCommand {
 
 impl Display for CommandArgument {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (range, unit) = match self {
-            Self::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }) => ([0.0, 360.0], "deg"),
-            Self::Setting(Setting { kind: SettingKind::Number(_, range, unit, ..), .. }) => (*range, *unit),
-            Self::Setting(Setting { kind: SettingKind::Angle(_, range, ..), .. }) => (*range, "deg"),
-            Self::Setting(Setting { kind: SettingKind::Whole(_, [least, most], unit, _), .. }) => {
-                return write!(f, "a whole number, {least} to {most} {unit}");
-            }
-            Self::Setting(Setting { kind: SettingKind::Key(_), .. }) => {
-                return f.write_str("one word, upper and lower case differ, such as Heron-4711, or off");
-            }
-            _ => return write_list(f, &|number| self.nth_word(number), " or "),
+        let (number, range) = match self {
+            Self::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }) => ("a number", "0 to 360 deg"),
+            Self::Own(_) => return write_list(f, &|number| self.nth_word(number), " or "),
+            Self::Setting(setting) => match (setting.field)(&mut { Settings::DEFAULT }) {
+                Field::Choice(_) => return write_list(f, &|number| self.nth_word(number), " or "),
+                Field::Key(_) => ("one word", "upper and lower case differ, such as Heron-4711"),
+                Field::Whole(_) => ("a whole number", setting.range_text),
+                Field::Number(_) | Field::Angle(_) => ("a number", setting.range_text),
+            },
         };
-        let [least, most] = range.map(|number| ShortestDecimal(number, 0));
-        write!(f, "a number, {least} to {most} {unit}")?;
+        write!(f, "{number}, {range}")?;
         self.nth_word(0).map_or(Ok(()), |word| write!(f, ", or {word}"))
     }
 }
@@ -399,7 +379,7 @@ pub fn write_help(out: &mut dyn fmt::Write, topic: Option<ConsoleCommand>) -> fm
         writeln!(out, "ok help COMMAND explains one")?;
         return write_help_of_next_words(out, ExpectedElement::FirstWord);
     };
-    writeln!(out, "ok {}", CommandHelp(topic))?;
+    writeln!(out, "ok {topic}: {}", topic.help_text())?;
     for argument in topic.arguments() {
         writeln!(out, "{}: {argument}", argument.name())?;
     }

@@ -2,7 +2,7 @@ use super::*;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Method, Orientation};
 use autoswing_module::compass::AutopilotAction;
-use autoswing_module::settings::SettingValue::{Key, Number, Numbers, Whole};
+use autoswing_module::settings::SettingValue::{Key, Number, Whole};
 use autoswing_module::settings::{SETTINGS, SettingChange};
 
 fn parsed_command(line: &str) -> Command {
@@ -50,17 +50,11 @@ fn every_command_is_parsed() {
         ("autopilot setup yes", Command::Autopilot(AutopilotAction::Setup)),
         ("autopilot undo", Command::Autopilot(AutopilotAction::Undo)),
         ("autopilot restart", Command::Autopilot(AutopilotAction::Restart)),
-        ("stream on", set(SettingChange::new("STREAM", Whole(1)))),
-        ("stream off", set(SettingChange::new("STREAM", Whole(0)))),
         ("set align 90", Command::Align(Some(90.0))),
         ("set align none", Command::Align(None)),
         ("set align 90.5 yes", Command::AlignConfirmed(90.5)),
-        ("set attitude-error 0.5 2", set(SettingChange::new("ATT_ERROR_DEG", Numbers([0.5, 2.0])))),
-        ("set signing off", set(SettingChange::new("SIGNING", Key(None)))),
-        ("set signing 4711", set(SettingChange::new("SIGNING", Key(Some(key_from_passphrase("4711")))))),
-        ("set sensor-error 5 0.5", set(SettingChange::new("GYRO_ERROR", Numbers([5.0, 0.5])))),
-        ("set sensor-error default", set(SettingChange::new("GYRO_ERROR", Numbers([2.0, 0.25])))),
-        ("set attitude-error default", set(SettingChange::new("ATT_ERROR_DEG", Numbers([0.2, 1.0])))),
+        ("set signing off", set(SettingChange::named("SIGNING", Key(None)).unwrap())),
+        ("set signing 4711", set(SettingChange::named("SIGNING", Key(Some(key_from_passphrase("4711")))).unwrap())),
     ];
     for (line, meaning) in examples {
         assert_eq!(parsed_command(line), meaning, "{line}");
@@ -90,24 +84,20 @@ fn every_command_is_parsed() {
     assert!(parse_request("").is_none() && parse_request("   ").is_none());
 }
 
-/// Every setting: its command is listed, explained and completed, and takes its words and the ends of its range. Two
-/// numbers of one command are set together.
+/// Every setting: its command is listed, explained and completed, and takes its words and the ends of its range.
 #[test]
 fn every_setting_has_a_command() {
-    for setting in SETTINGS.iter().filter(|setting| !setting.argument_name.is_empty()) {
-        let [first, second] = setting.command_words;
+    for setting in SETTINGS.iter().filter(|setting| !setting.command_word.is_empty()) {
+        let (first, second) = ("set", setting.command_word);
         let command = find_command([first, second]).unwrap();
         assert!(help_reply(&format!("help {first}")).contains(&format!("\n{command}: ")), "{command}");
-        assert!(help_reply(&format!("help {first} {second}")).contains(&format!("\n{}: ", setting.argument_name)));
+        assert!(help_reply(&format!("help {first} {second}")).contains("\nVALUE: "));
         let mut completed = Vec::new();
         complete_line(&format!("{first} {second}"), &mut |word| completed.push(word));
         assert!(completed.contains(&second), "{command}: {completed:?}");
-        if command.arguments().count() > 1 {
-            continue;
-        }
-        let ends = setting.value_range().into_iter().flatten().filter_map(|value| match (&setting.kind, value) {
-            (SettingKind::Whole(..), Whole(number)) => Some((number.to_string(), value)),
-            (_, Number(number)) => Some((number.unwrap().to_string(), value)),
+        let ends = setting.value_range().into_iter().flatten().filter_map(|value| match value {
+            Whole(number) if !setting.range_text.is_empty() => Some((number.to_string(), value)),
+            Number(number) => Some((number.unwrap().to_string(), value)),
             _ => None,
         });
         let words = (0..).map_while(|index| setting.nth_word(index)).map(|(word, value)| (word.to_owned(), value));
@@ -123,7 +113,7 @@ fn every_setting_has_a_command() {
 fn a_passphrase_keeps_its_case() {
     for passphrase in ["aBc", "abc"] {
         let line = format!("set signing {passphrase}");
-        let expected = SettingChange::new("SIGNING", Key(Some(key_from_passphrase(passphrase))));
+        let expected = SettingChange::named("SIGNING", Key(Some(key_from_passphrase(passphrase)))).unwrap();
         assert!(
             matches!(parse_request(&line), Some(Ok(Request::Command(Command::Set(setting)))) if setting == expected)
         );
@@ -136,31 +126,30 @@ fn an_error_names_the_expected_argument() {
         ("frobnicate", "unknown-command: unknown command; help lists all"),
         ("statsu", "unknown-command: unknown command; did you mean status?"),
         ("CALL start", "unknown-command: unknown command; did you mean cal?"),
-        ("set atitude-error 1 1", "unknown-command: unknown command; did you mean set attitude-error?"),
-        ("help stream raate", "unknown-command: unknown command; did you mean stream rate?"),
-        ("stream fast", "unknown-command: after stream expected on, off, rate or heading"),
-        ("STREAM", "missing-argument: after stream expected on, off, rate or heading"),
-        ("help stream fast", "unknown-command: after stream expected on, off, rate or heading"),
-        ("help stream rate 5", "unexpected-argument: too many words; it is stream rate HZ"),
+        ("set atitude-error 1", "unknown-command: unknown command; did you mean set attitude-error?"),
+        ("help set stream-raate", "unknown-command: unknown command; did you mean set stream-rate?"),
+        ("autopilot fast", "unknown-command: after autopilot expected check, setup, undo or restart"),
+        ("AUTOPILOT", "missing-argument: after autopilot expected check, setup, undo or restart"),
+        ("help autopilot fast", "unknown-command: after autopilot expected check, setup, undo or restart"),
+        ("help set stream-rate 5", "unexpected-argument: too many words; it is set stream-rate VALUE"),
         ("help help me", "unexpected-argument: too many words; it is help"),
         ("version 1", "unexpected-argument: too many words; it is version"),
         ("cal start level now", "bad-value: expected again"),
         ("cal start level again now", "unexpected-argument: too many words; it is cal start [PROCEDURE] [again]"),
-        ("set attitude-error default 1", "unexpected-argument: too many words; it is set attitude-error DEG PERCENT"),
+        ("set attitude-error default 1", "unexpected-argument: too many words; it is set attitude-error VALUE"),
         ("cal start sideways", "bad-value: expected flight, turns, level, swing, tumble or again"),
         ("set baud2 9600", "bad-value: expected 57600, 115200, 230400 or 460800"),
-        ("stream heading smoot", "bad-value: expected raw or smooth"),
+        ("set heading smoot", "bad-value: expected raw or smooth"),
         ("cal mark north", "bad-value: expected a number, 0 to 360 deg"),
         ("set declination default", "bad-value: expected a number, -180 to 180 deg, or none"),
-        ("set sensor-error much 1", "bad-value: expected a number, 0.1 to 20 %, or default"),
-        ("set sensor-error 1", "missing-argument: <DRIFT> is missing; expected a number, 0.05 to 5 % of the field"),
-        ("stream rate", "missing-argument: <HZ> is missing; expected a whole number, 1 to 80 a second"),
-        ("stream rate 300", "bad-value: expected a whole number, 1 to 80 a second"),
+        ("set gyro-error much", "bad-value: expected a number, 0.1 to 20 %, or default"),
+        ("set stream-rate", "missing-argument: <VALUE> is missing; expected a whole number, 1 to 80 Hz, or default"),
+        ("set stream-rate 300", "bad-value: expected a whole number, 1 to 80 Hz, or default"),
         ("set align 90 no", "bad-value: expected yes"),
         ("set align none yes", "unexpected-argument: too many words; it is set align HEADING [yes]"),
         (
             "set signing",
-            "missing-argument: <PASSPHRASE> is missing; expected one word, upper and lower case differ, such as \
+            "missing-argument: <VALUE> is missing; expected one word, upper and lower case differ, such as \
              Heron-4711, or off",
         ),
         ("cal clear", "needs-word: this cannot be undone; type cal clear all"),
@@ -190,29 +179,28 @@ fn help_explains_everything_there_is() {
         assert!(group.starts_with("ok ") && group.contains(&format!("\n{row}: {}", row.help_text())), "{row}: {group}");
     }
     assert_eq!(
-        help_reply("HELP Stream"),
-        "ok stream: heading sentences: on, off, rate, heading\n\
-         stream on: send them\n\
-         stream off: do not send them\n\
-         stream rate HZ: sentences per second\n\
-         stream heading KIND: heading sent: smoothed by the body rates, or raw for an autopilot with its own filter\n"
+        help_reply("HELP Autopilot").lines().take(2).collect::<Vec<_>>(),
+        [
+            "ok autopilot: the autopilot's parameters, by MAVLink",
+            "autopilot check: compare its compass and its parameters with what the module needs"
+        ]
     );
     let mounts = help_reply("help set mount");
     assert!(Orientation::all_orientations().all(|mount| mounts.contains(mount.orientation_name())), "{mounts}");
-    assert!(help_reply("help set inclination").ends_with("DEG: a number, -90 to 90 deg, or none\n"));
+    assert!(help_reply("help set inclination").ends_with("VALUE: a number, -90 to 90 deg, or none\n"));
 }
 
 #[test]
 fn partial_words_are_completed() {
     for (line, rest, fit) in [
-        ("", "", 8),
+        ("", "", 7),
         ("v", "ersion", 1),
         ("VER", "sion", 1),
         ("version", "", 1),
-        ("st", "", 2),
+        ("st", "atus", 1),
         ("x", "", 0),
         ("cal", "", 1),
-        ("cal ", "", 10),
+        ("cal ", "", 9),
         ("cal so", "lve", 1),
         ("cal st", "", 2),
         ("CAL START ", "", 6),
@@ -226,8 +214,8 @@ fn partial_words_are_completed() {
         ("set mount roll180-p", "itch", 2),
         ("  set   mount   no", "ne", 1),
         ("set align 90 ", "yes", 1),
-        ("help stream h", "eading", 1),
-        ("help stream heading r", "", 0),
+        ("help set h", "eading", 1),
+        ("help set heading r", "", 0),
     ] {
         let mut offered = 0;
         let found = complete_line(line, &mut |_| offered += 1);

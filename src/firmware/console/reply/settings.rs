@@ -5,7 +5,7 @@ use core::fmt::{self, Write};
 use autoswing::decimal::{Decimal, ShortestDecimal};
 use autoswing::earth::{EarthField, LocalField, MODEL_NAME, ModelValidity, Position};
 use autoswing_module::compass::StatusReport;
-use autoswing_module::settings::{PORT_COUNT, SETTINGS, Setting, SettingKind};
+use autoswing_module::settings::{Field, PORT_COUNT, SETTINGS, Setting};
 
 /// Line of the settings of the CAN bus, which not every board has.
 pub(super) const CAN_LINE: &str = "can";
@@ -30,52 +30,35 @@ pub(super) fn write_setting_line(
     separator: &str,
     report: &StatusReport,
 ) -> fmt::Result {
-    write!(out, "{line}{separator}")?;
-    for setting in &SETTINGS {
-        let [own_line, before, after] = setting.status_texts;
-        if own_line == line {
-            out.write_str(before)?;
-            write_setting_value(out, setting, report)?;
-            out.write_str(after)?;
-        }
-    }
-    Ok(())
+    out.write_str(line)?;
+    let settings = SETTINGS.iter().filter(|setting| setting.status_texts[0] == line);
+    settings.zip(core::iter::once(separator).chain(core::iter::repeat(", "))).try_for_each(|(setting, separator)| {
+        write!(out, "{separator}{}", setting.status_texts[1])?;
+        write_setting_value(out, setting, report)
+    })
 }
 
 fn write_setting_value(out: &mut impl Write, setting: &Setting, report: &StatusReport) -> fmt::Result {
     let settings = &mut { report.settings };
-    match &setting.kind {
-        SettingKind::Switch(field, texts) => out.write_str(texts[usize::from(*field(settings))]),
-        SettingKind::Choice(field) => {
-            let choice = field(settings);
-            out.write_str(choice.nth_name(choice.number()).unwrap_or_default())
+    match (setting.field)(settings) {
+        Field::Choice(choice) => out.write_str(choice.nth_name(choice.number()).unwrap_or_default()),
+        // Only the number of a CAN node can be 0.
+        Field::Whole(0) => out.write_str("by allocation"),
+        Field::Whole(number) => write!(out, "{number} {}", setting.unit),
+        Field::Number(number) => write!(out, "{} {}", ShortestDecimal(*number, 1), setting.unit),
+        Field::Angle(angle_deg) => {
+            write_angle(out, *angle_deg, report.local_field.model_field().and_then(setting.model_angle))
         }
-        SettingKind::Whole(field, _, _, zero_text) => match (*field(settings), zero_text) {
-            (0, Some(text)) => out.write_str(text),
-            (number, _) => write!(out, "{number}"),
-        },
-        SettingKind::Number(field, _, _, decimals, _) => {
-            write!(out, "{}", ShortestDecimal(*field(settings), *decimals))
-        }
-        SettingKind::Angle(field, _, of_model, unset_text) => {
-            write_angle(out, *field(settings), report.local_field.model_field().and_then(of_model), unset_text)
-        }
-        SettingKind::Alignment(field, _) => write!(out, "{}", Decimal::<1>(*field(settings))),
-        SettingKind::Key(field) => out.write_str(if field(settings).is_some() { "on" } else { "off" }),
+        Field::Key(key) => out.write_str(if key.is_some() { "on" } else { "off" }),
     }
 }
 
 /// Writes the entered value, otherwise that of the field model.
-fn write_angle(
-    out: &mut impl Write,
-    entered_deg: Option<f32>,
-    by_model_deg: Option<f32>,
-    unset_text: &str,
-) -> fmt::Result {
+fn write_angle(out: &mut impl Write, entered_deg: Option<f32>, by_model_deg: Option<f32>) -> fmt::Result {
     match (entered_deg, by_model_deg) {
         (Some(deg), _) => write!(out, "{} deg", ShortestDecimal(deg, 1)),
         (None, Some(deg)) => write!(out, "{} deg, by the field model", Decimal::<1>(deg)),
-        (None, None) => out.write_str(unset_text),
+        (None, None) => out.write_str("not set"),
     }
 }
 

@@ -52,7 +52,6 @@ fn to_get_set_value(value: SettingValue) -> GetSetValue<'static> {
     match value {
         SettingValue::Whole(number) => GetSetValue::Integer(number.into()),
         SettingValue::Number(number) => GetSetValue::Real(number.unwrap_or(f32::NAN)),
-        SettingValue::Numbers([number, _]) => GetSetValue::Real(number),
         SettingValue::Key(key) => GetSetValue::Text(key.map_or(NO_KEY_TEXT, |_| "on").as_bytes()),
     }
 }

@@ -7,7 +7,7 @@ use super::transmitter::Transmitter;
 use crate::wire::mavlink::{OutboundMessage, ParameterEncoding, ReceivedParameterRequest};
 use autoswing_module::compass::Command;
 use autoswing_module::messages::ParameterName;
-use autoswing_module::settings::{Setting, SettingValue, Settings};
+use autoswing_module::settings::{Setting, SettingChange, SettingValue, Settings};
 
 /// Parameters to send.
 #[derive(Debug, Default)]
@@ -76,6 +76,5 @@ fn setting_by_name(name: ParameterName) -> Option<&'static Setting> {
 
 /// Change of the component, which is a parameter, too.
 pub(super) fn component_change(component: u8) -> Option<Command> {
-    let setting = Setting::from_parameter_name(b"COMPONENT")?;
-    setting.change_to(SettingValue::Whole(component.into())).map(Command::Set)
+    SettingChange::named("COMPONENT", SettingValue::Whole(component.into())).map(Command::Set)
 }

@@ -3,12 +3,15 @@
 use super::*;
 
 /// Settings that no solve uses.
-const OTHER_SETTINGS: [SettingChange; 4] = [
-    SettingChange::new("STREAM", Whole(0)),
-    SettingChange::new("STREAM_RATE", Whole(5)),
-    SettingChange::new("STREAM_HEADING", Whole(HeadingKind::Raw as u32)),
-    SettingChange::new("DECLINATION", Number(Some(3.0))),
-];
+fn other_settings() -> [SettingChange; 4] {
+    [
+        SettingChange::named("STREAM", Whole(0)),
+        SettingChange::named("STREAM_RATE", Whole(5)),
+        SettingChange::named("STREAM_HEADING", Whole(HeadingKind::Raw as u32)),
+        SettingChange::named("DECLINATION", Number(Some(3.0))),
+    ]
+    .map(Option::unwrap)
+}
 
 #[test]
 fn settings_of_a_running_solve_cannot_change() {
@@ -26,13 +29,13 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Align(Some(10.0)),
         Command::Align(None),
         Command::AlignConfirmed(10.0),
-        Command::Set(SettingChange::new("MOUNT", Whole(0))),
-        Command::Set(SettingChange::new("INCLINATION", Number(Some(50.0)))),
-        Command::Set(SettingChange::new("ATT_ERROR_DEG", Numbers([0.2, 1.0]))),
+        Command::Set(SettingChange::named("MOUNT", Whole(0)).unwrap()),
+        Command::Set(SettingChange::named("INCLINATION", Number(Some(50.0))).unwrap()),
+        Command::Set(SettingChange::named("ATT_ERROR_DEG", Number(Some(0.2))).unwrap()),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
-    for setting in OTHER_SETTINGS {
+    for setting in other_settings() {
         assert_eq!(bed.set(setting), ModuleState::Solving, "{setting:?}");
     }
     assert_eq!(bed.status_report().module_state, ModuleState::Solving);
@@ -51,8 +54,8 @@ fn ground_commands_are_refused_while_armed() {
         Command::CalMark(10.0),
         Command::CalClear,
         Command::CalUndo,
-        Command::Set(SettingChange::new("MOUNT", Whole(0))),
-        Command::SetFromBus(SettingChange::new("STREAM_RATE", Whole(20))),
+        Command::Set(SettingChange::named("MOUNT", Whole(0)).unwrap()),
+        Command::SetFromBus(SettingChange::named("STREAM_RATE", Whole(20)).unwrap()),
         Command::ResetSettings,
         Command::Restart,
     ];
@@ -75,7 +78,8 @@ fn ground_commands_are_refused_while_armed() {
     assert_eq!(bed.expect_refusal(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
     assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Calibrated);
     bed.report_armed(Some(false));
-    for command in [Command::CalUndo, Command::Set(SettingChange::new("MOUNT", Whole(0))), Command::CalClear] {
+    for command in [Command::CalUndo, Command::Set(SettingChange::named("MOUNT", Whole(0)).unwrap()), Command::CalClear]
+    {
         bed.expect_saved(command);
     }
 }
@@ -90,9 +94,11 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
         assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     }
     assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    let used_by_solves =
-        [SettingChange::new("INCLINATION", Number(None)), SettingChange::new("ATT_ERROR_DEG", Numbers([0.2, 1.0]))];
-    for setting in OTHER_SETTINGS.into_iter().chain(used_by_solves) {
+    let used_by_solves = [
+        SettingChange::named("INCLINATION", Number(None)).unwrap(),
+        SettingChange::named("ATT_ERROR_DEG", Number(Some(0.2))).unwrap(),
+    ];
+    for setting in other_settings().into_iter().chain(used_by_solves) {
         bed.set(setting);
     }
     bed.calibrate(&few_turns(1)).unwrap();
@@ -113,7 +119,7 @@ fn commands_that_change_state_are_refused_during_a_save() {
         Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
-        Command::Set(SettingChange::new("STREAM", Whole(0))),
+        Command::Set(SettingChange::named("STREAM", Whole(0)).unwrap()),
         Command::Align(None),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
@@ -127,14 +133,13 @@ fn commands_that_change_state_are_refused_during_a_save() {
 /// calibration.
 #[test]
 fn the_indicator_shows_a_refused_solve() {
-    let mut bed = TestBed::with_setting(SettingChange::new(
-        "MOUNT",
-        Whole(Orientation::from_name("yaw90").unwrap().number().into()),
-    ));
+    let mut bed = TestBed::with_setting(
+        SettingChange::named("MOUNT", Whole(Orientation::from_name("yaw90").unwrap().number().into())).unwrap(),
+    );
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle);
     assert_eq!(bed.calibrate(&complete_turns(1)).unwrap_err().stable_code(), "mount-contradicted");
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Refused);
-    bed.set(SettingChange::new("MOUNT", Whole(0)));
+    bed.set(SettingChange::named("MOUNT", Whole(0)).unwrap());
     bed.calibrate(&complete_turns(1)).unwrap();
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Calibrated);
 }

@@ -205,7 +205,7 @@ fn detected_protocols_are_written_once() {
     });
     module.restart(|bed| {
         expect_written(bed, &[(1000, other, msp, 2), (9000, other, msp, 2)]);
-        bed.set(SettingChange::new("PORT1", Whole(ProtocolKind::Mavlink as u32)));
+        bed.set(SettingChange::named("PORT1", Whole(ProtocolKind::Mavlink as u32)).unwrap());
         expect_written(bed, &[(10_000, DETECTED_PROTOCOLS, msp, 2), (20_000, DETECTED_PROTOCOLS, msp, 2)]);
     });
 }

@@ -188,7 +188,7 @@ pub(super) fn fly_drawn_case(
 }
 
 fn select_heading(rig: &mut Rig, plan: &IntegrityPlan) {
-    rig.send_console_line(&format!("stream heading {}", plan.heading.choice_name()));
+    rig.send_console_line(&format!("set heading {}", plan.heading.choice_name()));
 }
 
 /// Flies a full turn each way and compares the module's estimate with a hard-iron change of `added_field_ut`, chip

@@ -39,7 +39,10 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
     let old = [1, 50, 0, 0, 0, 0, 0, 0, 0];
     let mut bench = Bench::new();
     bench.response_to_request(GET_SET, &set_integer_payload(81, "CAN_RATE"));
-    bench.node.complete_command(Command::SetFromBus(SettingChange::new("CAN_RATE", Whole(81))), Err(&Refusal::Busy));
+    bench.node.complete_command(
+        Command::SetFromBus(SettingChange::named("CAN_RATE", Whole(81)).unwrap()),
+        Err(&Refusal::Busy),
+    );
     assert_eq!(bench.run_for_response(GET_SET).unwrap()[..9], old);
     bench.response_to_request(GET_SET, &set_integer_payload(30, "CAN_RATE"));
     assert_eq!(bench.sent_in_ms(GET_SET, 1900).len(), 0);
@@ -50,7 +53,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
 #[test]
 fn parameters_are_set_by_commands_one_after_another() {
     let mut bench = Bench::new();
-    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::new("CAN_RATE", Whole(rate))));
+    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::named("CAN_RATE", Whole(rate)).unwrap()));
     for (number, rate) in [20, 30].into_iter().enumerate() {
         assert_eq!(bench.response_to_request(GET_SET, &set_integer_payload(rate, "CAN_RATE")), None);
         assert_eq!(bench.commands, commands[..1], "request {number}");
@@ -70,13 +73,13 @@ fn a_passphrase_is_set_and_not_read() {
     assert_eq!(bench.response_to_request(GET_SET, b"\x00\x04\x04wordSIGNING"), None);
     assert_eq!(
         bench.commands,
-        [Command::SetFromBus(SettingChange::new("SIGNING", Key(Some(key_from_passphrase("word")))))]
+        [Command::SetFromBus(SettingChange::named("SIGNING", Key(Some(key_from_passphrase("word")))).unwrap())]
     );
     bench.node.complete_command(bench.commands[0], Ok(()));
     bench.settings.signing_key = Some(SigningKey([7; 32]));
     assert_eq!(bench.run_for_response(GET_SET).unwrap(), b"\x04\x02on\x04\x03off\x00\x00SIGNING");
     bench.response_to_request(GET_SET, b"\x00\x04\x03offSIGNING");
-    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::new("SIGNING", Key(None))));
+    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::named("SIGNING", Key(None)).unwrap()));
 }
 
 const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];

@@ -48,7 +48,7 @@ fn the_first_requests_are_not_the_components() {
 
 #[test]
 fn a_second_module_takes_another_component() {
-    let change = |component| Command::Set(SettingChange::new("COMPONENT", SettingValue::Whole(component)));
+    let change = |component| Command::Set(SettingChange::named("COMPONENT", SettingValue::Whole(component)).unwrap());
     for (other, is_taken) in
         [(Some((OTHER_MODULE, 1)), true), (None, false), (Some(([1, 157], 1)), false), (Some(([2, 158], 1)), false)]
     {
@@ -183,6 +183,6 @@ fn a_claimed_component_is_given_up_for_another_module_alone() {
 fn the_component_after_the_last_is_the_first() {
     let mut bench = listening_bench(false);
     bench.settings.component = 250;
-    let change = Command::Set(SettingChange::new("COMPONENT", SettingValue::Whole(25)));
+    let change = Command::Set(SettingChange::named("COMPONENT", SettingValue::Whole(25)).unwrap());
     assert_eq!(run_with_other(&mut bench, Some(([1, 250], 1)), 4)[0], change);
 }

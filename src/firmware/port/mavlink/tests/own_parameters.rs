@@ -68,7 +68,7 @@ fn settings_are_listed_and_read() {
 #[test]
 fn a_setting_is_changed_as_from_the_can_bus() {
     let mut bench = MavlinkBench::with_autopilot();
-    let command = Command::SetFromBus(SettingChange::new("ATTITUDE_RATE", SettingValue::Whole(25)));
+    let command = Command::SetFromBus(SettingChange::named("ATTITUDE_RATE", SettingValue::Whole(25)).unwrap());
     assert_eq!(bench.receive(&change([1, 158], "ATTITUDE_RATE", 25.0)), [ReceivedMessage::Command(command)]);
     assert_eq!(sent_parameters(&mut bench), []);
     bench.settings.attitude_rate_hz = 25;
