@@ -13,7 +13,10 @@ use autoswing::earth::EarthField;
 use autoswing::instrument::SensorErrorSigmas;
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
 pub use replaced_numbers::{ReplacedNumber, ReplacedNumbers};
-pub use setting::{Choice, DependentState, Field, Setting, SettingValue, SigningKey};
+pub use setting::{Choice, DependentState, Field, SettingRow, SettingValue, SigningKey};
+
+/// Row of the table of [`Settings`].
+pub type Setting = SettingRow<Settings>;
 
 /// Declares [`Settings`] and [`SETTINGS`]. A row: name and position as a parameter (none: `""`), tag of the stored
 /// field, field, factory setting, kind of value; of a number its range and unit, of an angle that of the field model;
@@ -38,7 +41,7 @@ macro_rules! settings {
         }
 
         /// All settings, in the order of `help`.
-        pub static SETTINGS: [Setting; [$($index),*].len()] = [$(Setting {
+        pub static SETTINGS: [Setting; [$($index),*].len()] = [$(SettingRow {
             parameter_name: $name,
             parameter_index: $index,
             stored_tag: $tag,

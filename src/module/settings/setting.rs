@@ -4,13 +4,12 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::Settings;
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Orientation;
 use autoswing::earth::EarthField;
 
-/// Row of the table of settings.
-pub struct Setting {
+/// Row of the table of settings; `S` is the structure that contains the values.
+pub struct SettingRow<S: 'static> {
     /// Name of the parameter, at most 16 characters; empty if the setting is not a parameter.
     pub parameter_name: &'static str,
     /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
@@ -19,7 +18,7 @@ pub struct Setting {
     /// Tag of the stored field, never used again for another one.
     pub stored_tag: u8,
     /// Selects the field with the value.
-    pub field: fn(&mut Settings) -> Field<'_>,
+    pub field: fn(&mut S) -> Field<'_>,
     /// Least and largest number, not of choices and keys.
     pub range: [f32; 2],
     /// The range in words, with the unit.
@@ -192,10 +191,10 @@ impl fmt::Debug for SigningKey {
     }
 }
 
-impl Setting {
+impl<S: Copy + Default> SettingRow<S> {
     /// Value in these settings.
     #[must_use]
-    pub fn value(&self, settings: &Settings) -> SettingValue {
+    pub fn value(&self, settings: &S) -> SettingValue {
         match (self.field)(&mut { *settings }) {
             Field::Choice(choice) => {
                 SettingValue::Whole(named_value(choice, choice.number()).map_or(INVALID_CHOICE, |(_, value)| value))
@@ -210,7 +209,7 @@ impl Setting {
     /// Value of this setting's kind from a finite number; `None` for a fraction of a whole number, and for a key.
     #[must_use]
     pub fn number_value(&self, number: f32) -> Option<SettingValue> {
-        match self.value(&Settings::DEFAULT) {
+        match self.value(&S::default()) {
             SettingValue::Key(_) => None,
             // The cast saturates, so that a negative number or a fraction differs from its whole number.
             SettingValue::Whole(_) => {
@@ -221,7 +220,7 @@ impl Setting {
     }
 
     /// Sets the value, also one out of its range; returns whether the kind of setting can have it.
-    pub(super) fn set_value(&self, settings: &mut Settings, value: SettingValue) -> bool {
+    pub(super) fn set_value(&self, settings: &mut S, value: SettingValue) -> bool {
         match ((self.field)(settings), value) {
             (Field::Choice(choice), SettingValue::Whole(value)) => {
                 let number = named_values(choice).position(|(_, named)| named == value);
@@ -238,7 +237,7 @@ impl Setting {
 
     /// Whether the value in these settings is within its range.
     #[must_use]
-    pub fn is_valid(&self, settings: &Settings) -> bool {
+    pub fn is_valid(&self, settings: &S) -> bool {
         let value = self.value(settings);
         let is_within =
             |[least, most]: [SettingValue; 2]| (least.to_number()..=most.to_number()).contains(&value.to_number());
@@ -248,7 +247,7 @@ impl Setting {
     /// Least and largest value; `None` of a key.
     #[must_use]
     pub fn value_range(&self) -> Option<[SettingValue; 2]> {
-        match (self.field)(&mut { Settings::DEFAULT }) {
+        match (self.field)(&mut S::default()) {
             Field::Choice(choice) => {
                 let mut values = named_values(choice).map(|(_, value)| SettingValue::Whole(value));
                 Some([values.next()?, values.last()?])
@@ -263,7 +262,7 @@ impl Setting {
     /// choice has a name.
     #[must_use]
     pub fn nth_word(&self, index: usize) -> Option<(&'static str, SettingValue)> {
-        let word = match (self.field)(&mut { Settings::DEFAULT }) {
+        let word = match (self.field)(&mut S::default()) {
             Field::Choice(choice) => {
                 let (name, value) = named_value(choice, u8::try_from(index).ok()?)?;
                 return Some((name, SettingValue::Whole(value)));
@@ -272,7 +271,7 @@ impl Setting {
             Field::Angle(_) => "none",
             Field::Key(_) => "off",
         };
-        (index == 0).then(|| (word, self.value(&Settings::DEFAULT)))
+        (index == 0).then(|| (word, self.value(&S::default())))
     }
 }
 
@@ -289,14 +288,14 @@ fn named_value(choice: &dyn Choice, number: u8) -> Option<(&'static str, u32)> {
     choice.nth_name(number).map(|name| (name, name.parse().unwrap_or(number.into())))
 }
 
-impl PartialEq for Setting {
+impl<S> PartialEq for SettingRow<S> {
     /// Each row is a setting of its own.
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self, other)
     }
 }
 
-impl fmt::Debug for Setting {
+impl<S> fmt::Debug for SettingRow<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.parameter_name)
     }
