@@ -1,7 +1,7 @@
 //! The module checks and sets up the autopilot's parameters.
 
 use autoswing_module::compass::AutopilotAction;
-use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
+use autoswing_module::replaced_numbers::{AutopilotKind, ParameterOwner, ReplacedNumber, ReplacedNumbers};
 
 use super::*;
 
@@ -146,7 +146,8 @@ fn an_undo_writes_no_number_of_another_autopilot() {
     inav.run_action(AutopilotAction::Setup);
     run_action(&mut ardupilot, AutopilotAction::Setup);
     run_action(&mut px4, AutopilotAction::Setup);
-    let replaced_yaw_source = ReplacedNumber { row: 0, compass: (0, 0), number: Some(15.0) };
+    let owner = ParameterOwner { kind: AutopilotKind::Px4, compass: (0, 0) };
+    let replaced_yaw_source = ReplacedNumber { owner, row: 0, number: Some(15.0) };
     let [of_inav, of_ardupilot, of_px4, of_px4_without_compass] = [
         inav.settings.replaced_numbers,
         ardupilot.settings.replaced_numbers,
