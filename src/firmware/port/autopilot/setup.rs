@@ -310,6 +310,7 @@ impl AutopilotSetup {
         let wanted = match row.wanted.number {
             _ if is_undo => replaced_number.unwrap_or(read_number),
             WantedNumber::Fixed(number) => number,
+            WantedNumber::AtLeast(least) => read_number.max(least),
             WantedNumber::Present => self.number_before.unwrap_or(read_number),
             WantedNumber::CanDevice if is_device_of_module(read_number as u32, context.can_node) => read_number,
             WantedNumber::CanDevice => context.can_node.map_or(read_number, px4_device_id),

@@ -104,12 +104,19 @@ const IS_1024_UNCALIBRATED: &str = "with 1024 it is uncalibrated, unequal ones w
 const IS_CORRECTED: &str = "its field is corrected already";
 
 /// Wanted parameters, in the order of writing: a compass is used after everything else is right.
-pub(super) static PARAMETER_ROWS: [ParameterRow; 51] = {
+pub(super) static PARAMETER_ROWS: [ParameterRow; 52] = {
     use CalibrationStage::{Always, Calibrated, Uncalibrated};
     use SetupLink::{Compass, Vision};
-    use WantedNumber::{CanDevice, FieldStrength, Fixed, MspCompass, NoMspCompass, Present};
+    use WantedNumber::{AtLeast, CanDevice, FieldStrength, Fixed, MspCompass, NoMspCompass, Present};
     [
         ParameterRow::new(ARDUPILOT, (Compass, Uncalibrated), "COMPASS_USE^", Fixed(0.0), IS_RAW),
+        ParameterRow::new(
+            ARDUPILOT,
+            (Compass, Always),
+            "SCHED_LOOP_RATE",
+            AtLeast(100.0),
+            "at 50 Hz a calibration took 184 s of flight, at 100 up to 103 s",
+        ),
         ParameterRow::compass(ARDUPILOT, "COMPASS_ENABLE", 1.0, "compasses are read"),
         ParameterRow::compass(ARDUPILOT, "COMPASS_LEARN", 0.0, "learning in flight would correct its field twice"),
         ParameterRow::compass(ARDUPILOT, "COMPASS_ORIENT#", 0.0, "its field is in body axes"),
