@@ -198,6 +198,10 @@ fn an_undo_writes_no_number_of_another_autopilot() {
             assert_eq!(bench.settings.replaced_numbers, *replaced_numbers);
         }
     }
+    px4.settings.replaced_numbers = of_px4_without_compass;
+    px4.autopilot.parameters.set_number("EKF2_EV_CTRL", 8.0);
+    run_action(&mut px4, AutopilotAction::Undo);
+    assert_eq!(numbers(&px4, ["EKF2_EV_CTRL"]), ["15"]);
 }
 
 #[test]
