@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`compass`] | the state machine: commands, collection, solves, saves |
 //! | [`messages`] | everything reported to people: codes, severities, texts, advice |
+//! | [`replaced_numbers`] | numbers of the autopilot's parameters of before a setup |
 //! | [`settings`] | what the user chose |
 //! | [`store`] | calibrations and settings on pages of flash |
 //!
@@ -13,6 +14,7 @@
 
 pub mod compass;
 pub mod messages;
+pub mod replaced_numbers;
 pub mod settings;
 pub mod store;
 

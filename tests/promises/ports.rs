@@ -293,7 +293,7 @@ fn the_autopilot_is_set_up_from_the_console_or_by_a_ground_station() {
         "ok asking the autopilot; notes follow",
         "note compass: slot 1, priority 1: this module, MSP (id 5)",
         "note parameter-wrong: COMPASS_USE is 1, wanted 0",
-        "16 right, 2 wrong, 0 changed; to write them: autopilot setup yes",
+        "16 right, 3 wrong, 0 changed; to write them: autopilot setup yes",
     ] {
         assert!(notes.contains(note), "{note}: {notes}");
     }
@@ -302,7 +302,7 @@ fn the_autopilot_is_set_up_from_the_console_or_by_a_ground_station() {
     rig.autopilot.send_bytes(&set_up);
     run_for_s(&mut rig, 20.0);
     let texts = status_texts(&received_frames(&rig, 0));
-    assert!(texts.iter().any(|text| text.contains("18 right, 0 wrong, 2 changed; restart it")), "{texts:?}");
+    assert!(texts.iter().any(|text| text.contains("19 right, 0 wrong, 3 changed; restart it")), "{texts:?}");
     assert_eq!(autopilot.borrow().parameters.number("COMPASS_OFS_X"), Some(1.0));
     rig.send_console_line("autopilot restart");
     run_for_s(&mut rig, 2.0);

@@ -2,7 +2,8 @@
 
 use crate::compass::trial_solves::TrialResult;
 use crate::messages::{ExpectedAccuracy, Message, Refusal};
-use crate::settings::{PORT_COUNT, ProtocolKind, ReplacedNumber, SettingChange, Settings};
+use crate::replaced_numbers::ReplacedNumber;
+use crate::settings::{PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::{CalibrationRecord, StoreError};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Advice, Calibration, Method, Orientation, Quality, Sample};

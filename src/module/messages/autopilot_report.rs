@@ -79,6 +79,8 @@ pub struct WantedParameter {
 pub enum WantedNumber {
     /// A constant.
     Fixed(f32),
+    /// This or more.
+    AtLeast(f32),
     /// Its present number, written again.
     Present,
     /// Device id of the module's node on the CAN bus.

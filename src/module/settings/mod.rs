@@ -2,17 +2,16 @@
 //! parameters, stored fields and range checks derive.
 
 mod ports;
-mod replaced_numbers;
 mod setting;
 
 use core::fmt;
 
+use crate::replaced_numbers::ReplacedNumbers;
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{ConsiderSigmas, Orientation};
 use autoswing::earth::EarthField;
 use autoswing::instrument::SensorErrorSigmas;
 pub use ports::{BaudRate, PORT_COUNT, PortNumber, PortSettings, ProtocolKind};
-pub use replaced_numbers::{ReplacedNumber, ReplacedNumbers};
 pub use setting::{Choice, DependentState, Field, SettingRow, SettingValue, SigningKey};
 
 /// Row of the table of [`Settings`].

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::*;
+use crate::replaced_numbers::ReplacedNumber;
 
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
@@ -119,30 +120,6 @@ fn numbers_convert_to_values_of_the_setting_s_kind() {
     }
 }
 
-/// Numbers of another compass are forgotten; a number without a compass belongs to all.
-#[test]
-fn replaced_numbers_belong_to_one_compass() {
-    let with_number = |numbers: ReplacedNumbers, row, compass, number| {
-        numbers.with_number(ReplacedNumber { row, compass, number: Some(number) })
-    };
-    let numbers = with_number(with_number(ReplacedNumbers::NONE, 3, (0, 0), 7.0), 4, (2, 1), -1.0);
-    for (row, compass, number) in [
-        (3, (0, 0), Some(7.0)),
-        (3, (2, 1), Some(7.0)),
-        (4, (2, 1), Some(-1.0)),
-        (4, (1, 1), None),
-        (5, (2, 1), None),
-        (99, (2, 1), None),
-    ] {
-        assert_eq!(numbers.number(row, compass), number, "{row} {compass:?}");
-    }
-    let of_other = with_number(numbers, 4, (1, 2), 2.0);
-    assert_eq!((numbers.compass(), of_other.compass()), ((2, 1), (1, 2)));
-    assert_eq!([3, 4].map(|row| of_other.number(row, (1, 2))), [None, Some(2.0)]);
-    let restored = of_other.with_number(ReplacedNumber { row: 4, compass: (1, 2), number: None });
-    assert_eq!(restored.number(4, (1, 2)), None);
-}
-
 /// A refusal names the ends of the range.
 #[test]
 fn a_refusal_names_the_range() {
@@ -176,7 +153,8 @@ fn a_signing_key_is_not_printed() {
 
 #[test]
 fn a_factory_reset_keeps_the_alignment_and_the_autopilot_s_numbers() {
-    let replaced = ReplacedNumber { row: 3, compass: (1, 1), number: Some(7.0) };
+    let owner = ReplacedNumbers::NONE.owner();
+    let replaced = ReplacedNumber { owner, row: 3, number: Some(7.0) };
     let replaced_numbers = ReplacedNumbers::NONE.with_number(replaced);
     let kept = Settings { align_deg: 5.0, replaced_numbers, ..Settings::DEFAULT };
     assert_eq!(Settings { attitude_rate_hz: 20, ..kept }.factory_reset(), kept);

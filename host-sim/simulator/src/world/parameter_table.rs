@@ -4,6 +4,7 @@ use mavlink_dialect::{CharArray, MavMessage, MavParamType, PARAM_VALUE_DATA};
 
 const FLOAT: MavParamType = MavParamType::MAV_PARAM_TYPE_REAL32;
 const BYTE: MavParamType = MavParamType::MAV_PARAM_TYPE_INT8;
+const SHORT: MavParamType = MavParamType::MAV_PARAM_TYPE_INT16;
 const LONG: MavParamType = MavParamType::MAV_PARAM_TYPE_INT32;
 
 /// Parameter of an autopilot.
@@ -47,6 +48,7 @@ impl ParameterTable {
             ("PTCH_TRIM_DEG", FLOAT, 0.0),
             ("FLIGHT_OPTIONS", LONG, 0.0),
             ("Q_ENABLE", BYTE, 0.0),
+            ("SCHED_LOOP_RATE", SHORT, 50.0),
             ("COMPASS_ENABLE", BYTE, 1.0),
             ("COMPASS_LEARN", BYTE, 0.0),
             ("COMPASS_PRIO1_ID", LONG, 0.0),

@@ -13,11 +13,12 @@ use crate::port::snapshot::Snapshot;
 use autoswing::time::Timestamp;
 use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
 use autoswing_module::messages::{AutopilotReport, Message};
+pub(super) use autoswing_module::replaced_numbers::AutopilotKind;
 use parameter_client::ParameterClient;
 pub(super) use parameter_client::ParameterRequest;
 use setup::{AutopilotSetup, SetupContext};
 pub(super) use setup::{AutopilotState, is_device_of_module};
-pub(super) use wanted_parameters::{AutopilotKind, COMPASS_COUNT, DEVICE_ID_PATTERN, OFFSET_PATTERNS};
+pub(super) use wanted_parameters::{COMPASS_COUNT, DEVICE_ID_PATTERN, OFFSET_PATTERNS};
 
 /// Rate of reports, Hz: a text of three chunks takes 0.3 s.
 const REPORT_HZ: u8 = 3;

@@ -9,7 +9,7 @@ use libm::roundf;
 
 use super::parameter_client::{ParameterClient, ParameterError, is_same_number};
 use super::wanted_parameters::{
-    AutopilotKind, COMPASS_COUNT, CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink,
+    COMPASS_COUNT, CalibrationStage, PARAMETER_ROWS, ParameterRow, SetupLink, device_id_count, device_id_name,
 };
 use autoswing::frames::{Body, Field};
 use autoswing::time::Timestamp;
@@ -19,10 +19,7 @@ use autoswing_module::messages::{
     AutopilotReport, CompassPriority, ParameterCounts, ParameterName, ParameterReport, ParameterState,
     RegisteredCompass, WantedNumber,
 };
-use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
-
-/// Slot and priority in the place of a compass of INAV, which has one: no other autopilot's.
-const INAV_COMPASS: (u8, u8) = (0, 1);
+use autoswing_module::replaced_numbers::{AutopilotKind, ParameterOwner, ReplacedNumber, ReplacedNumbers};
 
 /// INAV's `mag_hardware` without a compass.
 const NO_COMPASS_CHOICE: f32 = 0.0;
@@ -85,7 +82,7 @@ pub(super) struct AutopilotSetup {
     step: u8,
     /// ArduPilot's device ids by priority.
     priority_ids: [u32; COMPASS_COUNT as usize],
-    /// Slot and priority of the module, counted from 1; PX4 has no priority, 0.
+    /// Slot and priority of the module, counted from 1; PX4 has no priority, 0, INAV's one compass neither.
     module_compass: Option<(u8, u8)>,
     /// Whether INAV was told to save its settings.
     is_saved: bool,
@@ -105,8 +102,8 @@ pub(super) struct AutopilotSetup {
 impl AutopilotSetup {
     /// Begins a check, a setup or an undo.
     pub fn begin(&mut self, action: AutopilotAction, kind: AutopilotKind) {
-        let step = if action == AutopilotAction::Undo { kind.device_id_count() } else { 0 };
-        let module_compass = (kind == AutopilotKind::Inav).then_some(INAV_COMPASS);
+        let step = if action == AutopilotAction::Undo { device_id_count(kind) } else { 0 };
+        let module_compass = (kind == AutopilotKind::Inav).then_some((0, 0));
         *self = Self { action: Some(action), kind: Some(kind), step, module_compass, ..Self::default() };
     }
 
@@ -149,8 +146,8 @@ impl AutopilotSetup {
     /// Passes a number on until it is kept, then writes the parameter; or until it is forgotten, then goes on.
     fn awaits_keeping(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) -> bool {
         let Some(keeping) = &mut self.keeping else { return false };
-        let ReplacedNumber { row, compass, number } = keeping.replaced;
-        if context.replaced_numbers.number(row, compass) == number {
+        let ReplacedNumber { owner, row, number } = keeping.replaced;
+        if context.replaced_numbers.number(owner, row) == number {
             match keeping.next_number {
                 Some(number) => client.begin_write(number),
                 None => self.step += 1,
@@ -170,23 +167,18 @@ impl AutopilotSetup {
         true
     }
 
-    fn replaced_number(&self, row: &ParameterRow, context: SetupContext<'_>) -> Option<f32> {
-        let replaced_compass = context.replaced_numbers.compass();
-        let is_of_autopilot = row.kind.has_compass(replaced_compass)
-            || row.link == SetupLink::Vision && replaced_compass == ReplacedNumbers::NONE.compass();
-        let number = context.replaced_numbers.number(row.position(), self.module_compass.unwrap_or_default());
-        number.filter(|_| is_of_autopilot)
+    fn owner(&self, row: &ParameterRow) -> ParameterOwner {
+        ParameterOwner { kind: row.kind, compass: self.module_compass.unwrap_or_default() }
     }
 
-    fn keep_number(&mut self, row: u8, number: Option<f32>, next_number: Option<f32>) {
-        let compass = self.module_compass.unwrap_or_default();
-        let replaced = ReplacedNumber { row, compass, number };
+    fn keep_number(&mut self, row: &ParameterRow, number: Option<f32>, next_number: Option<f32>) {
+        let replaced = ReplacedNumber { owner: self.owner(row), row: row.position(), number };
         self.keeping = Some(Keeping { replaced, next_number, attempts: 0, requested_at: Timestamp::from_us(0) });
     }
 
     fn begin_next_read(&mut self, context: SetupContext<'_>, client: &mut ParameterClient) {
         if self.action == Some(AutopilotAction::Undo) {
-            self.module_compass = Some(context.replaced_numbers.compass());
+            self.module_compass = Some(context.replaced_numbers.owner().compass);
         }
         if self.step == self.device_id_count() && self.module_compass.is_none() && !context.sends_vision_yaw {
             return self.end(AutopilotReport::NoCompass);
@@ -204,14 +196,12 @@ impl AutopilotSetup {
             return client.begin_save();
         }
         if self.action == Some(AutopilotAction::Undo) {
-            let replaced = context.replaced_numbers;
-            let is_replaced = |row: usize| replaced.number(row as u8, replaced.compass()).is_some();
             return self.end(if self.counts != ParameterCounts::default() {
                 AutopilotReport::Summary(self.counts)
-            } else if (0..PARAMETER_ROWS.len()).any(is_replaced) {
-                AutopilotReport::OtherAutopilot
-            } else {
+            } else if context.replaced_numbers.is_empty() {
                 AutopilotReport::NothingReplaced
+            } else {
+                AutopilotReport::OtherAutopilot
             });
         }
         let has_trims = context.autopilot.trims_deg.iter().any(|trim_deg| *trim_deg != 0.0);
@@ -231,14 +221,14 @@ impl AutopilotSetup {
     /// Name of the parameter of this step, if it concerns this autopilot and module.
     fn name_of_step(&self, context: SetupContext<'_>) -> Option<ParameterName> {
         if self.step < self.device_id_count() {
-            return self.kind.map(|kind| kind.device_id_name(self.step));
+            return self.kind.map(|kind| device_id_name(kind, self.step));
         }
         let (slot, priority) = self.module_compass.unwrap_or_default();
         self.row().filter(|row| self.is_applicable(row, context)).map(|row| row.wanted.parameter_name(slot, priority))
     }
 
     fn device_id_count(&self) -> u8 {
-        self.kind.map_or(0, AutopilotKind::device_id_count)
+        self.kind.map_or(0, device_id_count)
     }
 
     fn row(&self) -> Option<&'static ParameterRow> {
@@ -255,7 +245,7 @@ impl AutopilotSetup {
             CalibrationStage::Uncalibrated => !context.is_calibrated,
             CalibrationStage::Calibrated => context.is_calibrated,
         };
-        let is_replaced = self.replaced_number(row, context).is_some();
+        let is_replaced = context.replaced_numbers.number(self.owner(row), row.position()).is_some();
         row.kind == context.autopilot.kind
             && if self.action == Some(AutopilotAction::Undo) { is_replaced } else { has_link && is_stage }
     }
@@ -316,10 +306,11 @@ impl AutopilotSetup {
     ) {
         let is_undo = self.action == Some(AutopilotAction::Undo);
         let read_number = result.unwrap_or(0.0);
-        let replaced_number = self.replaced_number(row, context);
+        let replaced_number = context.replaced_numbers.number(self.owner(row), row.position());
         let wanted = match row.wanted.number {
             _ if is_undo => replaced_number.unwrap_or(read_number),
             WantedNumber::Fixed(number) => number,
+            WantedNumber::AtLeast(least) => read_number.max(least),
             WantedNumber::Present => self.number_before.unwrap_or(read_number),
             WantedNumber::CanDevice if is_device_of_module(read_number as u32, context.can_node) => read_number,
             WantedNumber::CanDevice => context.can_node.map_or(read_number, px4_device_id),
@@ -344,7 +335,7 @@ impl AutopilotSetup {
                 } else if is_undo || is_rewritten || replaced_number.is_some() {
                     client.begin_write(wanted);
                 } else {
-                    self.keep_number(row.position(), Some(number), Some(wanted));
+                    self.keep_number(row, Some(number), Some(wanted));
                 }
                 return;
             }
@@ -373,7 +364,7 @@ impl AutopilotSetup {
         });
         self.number_before = None;
         if is_undo && !matches!(state, Some(ParameterState::NotChanged | ParameterState::Missing)) {
-            self.keep_number(row.position(), None, None);
+            self.keep_number(row, None, None);
         } else {
             self.step += 1;
         }

@@ -8,44 +8,25 @@
 //! INAV's compass.c (`compassUpdate`: uncalibrated with gains of 1024).
 
 use autoswing_module::messages::{ParameterName, WantedNumber, WantedParameter};
+use autoswing_module::replaced_numbers::AutopilotKind;
 
-/// Kind of autopilot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AutopilotKind {
-    ArduPilot,
-    Px4,
-    /// By MSP.
-    Inav,
+/// Number of device ids: ArduPilot's by priority and by slot, PX4's by slot.
+pub(super) const fn device_id_count(kind: AutopilotKind) -> u8 {
+    match kind {
+        AutopilotKind::ArduPilot => 2 * COMPASS_COUNT,
+        AutopilotKind::Px4 => 4,
+        AutopilotKind::Inav => 0,
+    }
 }
 
-impl AutopilotKind {
-    /// Number of device ids: ArduPilot's by priority and by slot, PX4's by slot.
-    pub(super) const fn device_id_count(self) -> u8 {
-        match self {
-            Self::ArduPilot => 2 * COMPASS_COUNT,
-            Self::Px4 => 4,
-            Self::Inav => 0,
-        }
-    }
-
-    /// Name of a device id, counted from 0.
-    pub(super) fn device_id_name(self, index: u8) -> ParameterName {
-        let (pattern, number) = match (self, index.checked_sub(COMPASS_COUNT)) {
-            (Self::ArduPilot, None) => ("COMPASS_PRIO@_ID", index + 2),
-            (Self::ArduPilot, Some(slot_index)) => (DEVICE_ID_PATTERN, slot_index + 1),
-            _ => (PX4_DEVICE_ID_PATTERN, index + 1),
-        };
-        ParameterName::from_pattern(pattern, number, 0)
-    }
-
-    /// Whether this kind has a compass of this slot and priority: INAV's has no slot, PX4's no priority.
-    pub(super) const fn has_compass(self, (slot, priority): (u8, u8)) -> bool {
-        match self {
-            Self::ArduPilot => slot > 0 && priority > 0,
-            Self::Px4 => slot > 0 && priority == 0,
-            Self::Inav => slot == 0 && priority > 0,
-        }
-    }
+/// Name of a device id, counted from 0.
+pub(super) fn device_id_name(kind: AutopilotKind, index: u8) -> ParameterName {
+    let (pattern, number) = match (kind, index.checked_sub(COMPASS_COUNT)) {
+        (AutopilotKind::ArduPilot, None) => ("COMPASS_PRIO@_ID", index + 2),
+        (AutopilotKind::ArduPilot, Some(slot_index)) => (DEVICE_ID_PATTERN, slot_index + 1),
+        _ => (PX4_DEVICE_ID_PATTERN, index + 1),
+    };
+    ParameterName::from_pattern(pattern, number, 0)
 }
 
 /// Way on which the autopilot receives the module.
@@ -123,12 +104,19 @@ const IS_1024_UNCALIBRATED: &str = "with 1024 it is uncalibrated, unequal ones w
 const IS_CORRECTED: &str = "its field is corrected already";
 
 /// Wanted parameters, in the order of writing: a compass is used after everything else is right.
-pub(super) static PARAMETER_ROWS: [ParameterRow; 51] = {
+pub(super) static PARAMETER_ROWS: [ParameterRow; 52] = {
     use CalibrationStage::{Always, Calibrated, Uncalibrated};
     use SetupLink::{Compass, Vision};
-    use WantedNumber::{CanDevice, FieldStrength, Fixed, MspCompass, NoMspCompass, Present};
+    use WantedNumber::{AtLeast, CanDevice, FieldStrength, Fixed, MspCompass, NoMspCompass, Present};
     [
         ParameterRow::new(ARDUPILOT, (Compass, Uncalibrated), "COMPASS_USE^", Fixed(0.0), IS_RAW),
+        ParameterRow::new(
+            ARDUPILOT,
+            (Compass, Always),
+            "SCHED_LOOP_RATE",
+            AtLeast(100.0),
+            "at 50 Hz a calibration took 184 s of flight, at 100 up to 103 s",
+        ),
         ParameterRow::compass(ARDUPILOT, "COMPASS_ENABLE", 1.0, "compasses are read"),
         ParameterRow::compass(ARDUPILOT, "COMPASS_LEARN", 0.0, "learning in flight would correct its field twice"),
         ParameterRow::compass(ARDUPILOT, "COMPASS_ORIENT#", 0.0, "its field is in body axes"),

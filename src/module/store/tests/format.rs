@@ -5,6 +5,7 @@ use autoswing::inertial::SensorOffsets;
 use serde::Serialize;
 
 use super::*;
+use crate::replaced_numbers::AutopilotKind;
 use crate::settings::{BaudRate, SigningKey};
 
 fn stored_state() -> StoredState {
@@ -68,7 +69,7 @@ fn bytes_from_hex(hex: &str) -> Vec<u8> {
 
 /// A state and a calibration as stored.
 const STATE: &str = "
-    01 de00
+    01 df00
     01 0200 ac02  02 0700 0102f8acd19101  03 0100 00  04 0500 0100004841  05 0500 01000070c2
     06 0400 00006040  07 0100 00  08 0100 19  09 0100 01  0a 0400 0000003f  0b 0400 00000040  0c 0100 00
     0d 0400 0000c03f  0e 0100 00  0f 0100 00  10 0100 03  11 0100 02  12 0100 01  13 0100 01
@@ -76,8 +77,8 @@ const STATE: &str = "
     18 2100 01 0707070707070707070707070707070707070707070707070707070707070707
     19 0100 2a  1a 0100 14  1b 0100 01  1c 0400 0000a040  1d 0400 0000003f  1e 0100 01  1f 0100 01
     20 0100 2a
-    c8 1a00 0000 000000000000000000000000000000000000000000000000
-    70470cf3 ffffff";
+    c8 1b00 000000 000000000000000000000000000000000000000000000000
+    45736c0e ffff";
 const CALIBRATION_BEGIN: &str = "
     01 ee01
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
@@ -193,6 +194,7 @@ fn variants_keep_their_numbers() {
     assert_numbers(&ProtocolKind::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
     assert_numbers(&BaudRate::NAMED_CHOICES.iter().map(|(_, value)| *value).collect::<Vec<_>>());
     assert_numbers(&Method::ALL_METHODS);
+    assert_numbers(&[AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Inav]);
 }
 
 #[test]

@@ -17,8 +17,8 @@ use super::state::TrueState;
 /// Autopilot firmware, which determines the handling of message requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MavlinkFirmware {
-    /// ArduPilot, aeroplane at its default loop rate of 50 Hz: attitude at 1 Hz until requested; requests above 40 Hz
-    /// are denied (`GCS_MAVLINK::cap_message_interval`).
+    /// ArduPilot, aeroplane: attitude at 1 Hz until requested; requests above 80 % of the loop's rate are denied
+    /// (`GCS_MAVLINK::cap_message_interval`), which is 50 Hz by default.
     ArduPilot,
     /// PX4 in mode "Onboard": attitude at 100 Hz without request; accepts all requests.
     Px4,
@@ -48,13 +48,6 @@ impl MavlinkFirmware {
             Self::ArduPilot => ParameterTable::ardupilot(),
             Self::Px4 => ParameterTable::px4(),
             Self::StreamsOnly | Self::IgnoresRequests => ParameterTable::empty(false),
-        }
-    }
-
-    const fn least_interval_us(self) -> f32 {
-        match self {
-            Self::ArduPilot => 25_000.0,
-            Self::Px4 | Self::StreamsOnly | Self::IgnoresRequests => 1_000.0,
         }
     }
 }
@@ -88,6 +81,8 @@ pub struct MavlinkAutopilot {
     firmware: MavlinkFirmware,
     reported_position: Option<ReportedPosition>,
     started_us: u64,
+    /// Shortest interval of a message, microseconds.
+    least_interval_us: f32,
     streams: Vec<PeriodicMessage>,
     reader: FrameReader,
     pending_answer_bytes: Vec<u8>,
@@ -112,6 +107,7 @@ impl MavlinkAutopilot {
             firmware,
             reported_position: Some(XIAN_POSITION),
             started_us: now_us,
+            least_interval_us: 1_000.0,
             streams: Vec::new(),
             reader: FrameReader::default(),
             pending_answer_bytes: Vec::new(),
@@ -129,6 +125,9 @@ impl MavlinkAutopilot {
     /// Restarts: resets the boot clock and all requested streams.
     pub fn restart_autopilot(&mut self, now_us: u64) {
         self.started_us = now_us;
+        if let Some(loop_rate_hz) = self.parameters.number("SCHED_LOOP_RATE") {
+            self.least_interval_us = (1e6 / 0.8 / loop_rate_hz) as f32;
+        }
         self.streams = vec![PeriodicMessage { id: HEARTBEAT_DATA::ID, period_us: HEARTBEAT_PERIOD_US, due_us: now_us }];
         self.start_stream(ATTITUDE_DATA::ID, self.firmware.default_rate_hz(), now_us);
         self.pending_answer_bytes.clear();
@@ -235,7 +234,7 @@ impl MavlinkAutopilot {
             && frame.byte_at(4) == STREAM_EXTRA1
         {
             let requested_hz = f64::from(u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]));
-            let max_hz = 1e6 / f64::from(self.firmware.least_interval_us());
+            let max_hz = 1e6 / f64::from(self.least_interval_us);
             self.start_stream(ATTITUDE_DATA::ID, requested_hz.min(max_hz), now_us);
         }
     }
@@ -270,7 +269,7 @@ impl MavlinkAutopilot {
             if self.knows_yaw_estimates { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_UNSUPPORTED }
         } else if command.command != MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             MavResult::MAV_RESULT_UNSUPPORTED
-        } else if command.param2 < self.firmware.least_interval_us() {
+        } else if command.param2 < self.least_interval_us {
             self.denied_request_count += 1;
             MavResult::MAV_RESULT_DENIED
         } else if !REQUESTABLE_MESSAGES.contains(&(command.param1 as u32)) {

@@ -1,7 +1,7 @@
 //! The module checks and sets up the autopilot's parameters.
 
 use autoswing_module::compass::AutopilotAction;
-use autoswing_module::settings::{ReplacedNumber, ReplacedNumbers};
+use autoswing_module::replaced_numbers::{AutopilotKind, ParameterOwner, ReplacedNumber, ReplacedNumbers};
 
 use super::*;
 
@@ -57,10 +57,11 @@ fn a_check_names_the_modules_compass_and_what_is_wrong() {
             OWN_COMPASS_TEXT,
             MODULE_TEXT,
             "parameter-wrong: COMPASS_USE is 1, wanted 0: its field is raw until the module is calibrated",
+            "parameter-wrong: SCHED_LOOP_RATE is 50, wanted 100: at 50 Hz a calibration took 184 s of flight, at 100 up to 103 s",
             "parameter-wrong: COMPASS_ORIENT2 is 6, wanted 0: its field is in body axes",
             "parameter-wrong: COMPASS_OFS2_X is 120.5, wanted 1: more would correct its field twice, 1 mG marks it as calibrated",
             "trims: the autopilot's attitude lacks 0.0 deg of roll, 3.0 of pitch; removed",
-            "autopilot: parameters of the autopilot: 15 right, 3 wrong, 0 changed; to write them: autopilot setup yes",
+            "autopilot: parameters of the autopilot: 15 right, 4 wrong, 0 changed; to write them: autopilot setup yes",
         ]
     );
     assert_eq!(numbers(&bench, ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X"]), ["1", "6", "120.5"]);
@@ -78,20 +79,29 @@ fn a_setup_writes_what_is_wrong_in_two_halves() {
     assert!(
         texts.contains(&"parameter-set: COMPASS_ORIENT2 changed from 6 to 0: its field is in body axes".to_owned())
     );
-    assert!(texts.last().unwrap().contains("18 right, 0 wrong, 3 changed; restart it: autopilot restart"), "{texts:?}");
+    assert!(texts.last().unwrap().contains("19 right, 0 wrong, 4 changed; restart it: autopilot restart"), "{texts:?}");
     assert_eq!(numbers(&bench, mine), ["0", "0", "1"]);
     bench.indicator_state = IndicatorState::Calibrated;
     let texts = run_action(&mut bench, AutopilotAction::Setup);
-    assert!(texts.last().unwrap().contains("17 right, 1 wrong, 0 changed"), "no heading: {texts:?}");
+    assert!(texts.last().unwrap().contains("18 right, 1 wrong, 0 changed"), "no heading: {texts:?}");
     bench.heading = Ok(Heading { magnetic_rad: 1.0, sigma_rad: 0.01, systematic_variance_rad2: 0.0 });
     let texts = run_action(&mut bench, AutopilotAction::Check);
     assert!(texts.iter().any(|text| text.starts_with("heading: 57.3 deg magnetic now")), "{texts:?}");
     let texts = run_action(&mut bench, AutopilotAction::Setup);
-    assert!(texts.last().unwrap().ends_with("18 right, 0 wrong, 1 changed"), "no restart: {texts:?}");
+    assert!(texts.last().unwrap().ends_with("19 right, 0 wrong, 1 changed"), "no restart: {texts:?}");
     assert_eq!(numbers(&bench, mine), ["1", "0", "1"]);
     assert_eq!(numbers(&bench, others), others_before);
     let texts = run_action(&mut bench, AutopilotAction::Check);
-    assert_eq!(texts.last().unwrap(), "autopilot: parameters of the autopilot: 18 right, 0 wrong, 0 changed");
+    assert_eq!(texts.last().unwrap(), "autopilot: parameters of the autopilot: 19 right, 0 wrong, 0 changed");
+}
+
+/// Copters have 400 Hz.
+#[test]
+fn a_setup_does_not_slow_the_autopilots_loop() {
+    let mut bench = bench_with_two_compasses();
+    bench.autopilot.parameters.set_number("SCHED_LOOP_RATE", 400.0);
+    run_action(&mut bench, AutopilotAction::Setup);
+    assert_eq!(numbers(&bench, ["SCHED_LOOP_RATE"]), ["400"]);
 }
 
 /// Writes that do not last are reported: by a ground station that writes at the same time, to a read-only
@@ -110,7 +120,25 @@ fn a_setup_reports_what_it_could_not_write() {
     ] {
         assert!(texts.iter().any(|shown| shown == text), "{text}: {texts:?}");
     }
-    assert!(texts.last().unwrap().contains("15 right, 2 wrong, 1 changed, 1 missing"), "{texts:?}");
+    assert!(texts.last().unwrap().contains("16 right, 2 wrong, 2 changed, 1 missing"), "{texts:?}");
+}
+
+/// Replies are lost from the middle of the setup on.
+#[test]
+fn a_check_explains_what_a_setup_without_a_link_has_left() {
+    let mut bench = bench_with_two_compasses();
+    bench.module.begin_autopilot_action(AutopilotAction::Setup);
+    bench.run_for_s(1);
+    assert_eq!(numbers(&bench, ["COMPASS_USE", "COMPASS_OFS2_X"]), ["0", "120.5"], "in the middle");
+    bench.autopilot.parameters.faults.lost_reply_period = 1;
+    bench.run_for_s(200);
+    let summary = bench.notices.last().unwrap();
+    assert!(summary.contains("2 right, 0 wrong, 2 changed, 17 missing"), "{summary}");
+    bench.autopilot.parameters.faults.lost_reply_period = 0;
+    let texts = run_action(&mut bench, AutopilotAction::Check);
+    assert!(texts[2].starts_with("parameter-wrong: COMPASS_ORIENT2 is 6, wanted 0: "), "{texts:?}");
+    assert!(texts[3].starts_with("parameter-wrong: COMPASS_OFS2_X is 120.5, wanted 1: "), "{texts:?}");
+    assert!(texts.last().unwrap().contains("17 right, 2 wrong, 0 changed; to write them: "), "{texts:?}");
 }
 
 /// Also after both halves, of which both write `COMPASS_USE`, and with every third reply lost. A second undo finds nothing.
@@ -118,7 +146,7 @@ fn a_setup_reports_what_it_could_not_write() {
 fn an_undo_writes_every_number_of_before_the_setup() {
     let mut bench = bench_with_two_compasses();
     bench.autopilot.parameters.faults.lost_reply_period = 3;
-    let mine = ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X", "COMPASS_OFS2_Y"];
+    let mine = ["COMPASS_USE", "COMPASS_ORIENT2", "COMPASS_OFS2_X", "COMPASS_OFS2_Y", "SCHED_LOOP_RATE"];
     let before = numbers(&bench, mine);
     run_action(&mut bench, AutopilotAction::Setup);
     bench.indicator_state = IndicatorState::Calibrated;
@@ -130,7 +158,7 @@ fn an_undo_writes_every_number_of_before_the_setup() {
         texts.contains(&"parameter-set: COMPASS_ORIENT2 changed from 0 to 6: as before the setup".to_owned()),
         "{texts:?}"
     );
-    assert!(texts.last().unwrap().contains("3 right, 0 wrong, 2 changed; restart it"), "{texts:?}");
+    assert!(texts.last().unwrap().contains("4 right, 0 wrong, 3 changed; restart it"), "{texts:?}");
     assert_eq!(numbers(&bench, mine), before);
     let texts = run_action(&mut bench, AutopilotAction::Undo);
     assert_eq!(texts, ["nothing-replaced: no setup has replaced a number of the autopilot's"]);
@@ -146,7 +174,8 @@ fn an_undo_writes_no_number_of_another_autopilot() {
     inav.run_action(AutopilotAction::Setup);
     run_action(&mut ardupilot, AutopilotAction::Setup);
     run_action(&mut px4, AutopilotAction::Setup);
-    let replaced_yaw_source = ReplacedNumber { row: 0, compass: (0, 0), number: Some(15.0) };
+    let owner = ParameterOwner { kind: AutopilotKind::Px4, compass: (0, 0) };
+    let replaced_yaw_source = ReplacedNumber { owner, row: 0, number: Some(15.0) };
     let [of_inav, of_ardupilot, of_px4, of_px4_without_compass] = [
         inav.settings.replaced_numbers,
         ardupilot.settings.replaced_numbers,
@@ -169,6 +198,10 @@ fn an_undo_writes_no_number_of_another_autopilot() {
             assert_eq!(bench.settings.replaced_numbers, *replaced_numbers);
         }
     }
+    px4.settings.replaced_numbers = of_px4_without_compass;
+    px4.autopilot.parameters.set_number("EKF2_EV_CTRL", 8.0);
+    run_action(&mut px4, AutopilotAction::Undo);
+    assert_eq!(numbers(&px4, ["EKF2_EV_CTRL"]), ["15"]);
 }
 
 #[test]
