@@ -151,8 +151,8 @@ pub(super) static PARAMETER_ROWS: [ParameterRow; 52] = {
             ARDUPILOT,
             (Vision, Always),
             "VISO_YAW_M_NSE",
-            Fixed(0.05),
-            "a larger least error hides the sigma of the yaw",
+            Fixed(0.1),
+            "a larger least error hides the sigma of the yaw, a smaller one takes slow errors for noise",
         ),
         ParameterRow::new(
             ARDUPILOT,
