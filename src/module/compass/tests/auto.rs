@@ -113,24 +113,6 @@ fn a_failed_solve_ends_the_user_s_collection_and_continues_an_automatic_one() {
     }
 }
 
-#[test]
-fn automatic_collection_can_be_switched_off() {
-    let samples = hover_samples(7);
-    let mut bed = collecting_automatically(&samples);
-    assert_eq!(bed.set(SettingChange::new("STREAM_RATE", Whole(20))), ModuleState::Collecting, "another setting");
-    bed.set(SettingChange::new("AUTO", Whole(0)));
-    assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
-    bed.collect(&samples[60..160]);
-    assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
-    bed.start(Procedure::Flight);
-    bed.collect(&samples[..60]);
-    let user_collection = bed.state_and_fit_count();
-    for on in [true, false] {
-        bed.set(SettingChange::new("AUTO", Whole(on.into())));
-        assert_eq!(bed.state_and_fit_count(), user_collection, "{on}");
-    }
-}
-
 /// A forged report of disarming, in hover. Rest counts after five seconds; a sensor that fails does not prevent it.
 #[test]
 fn a_disarmed_vehicle_is_in_flight_until_it_is_at_rest() {
