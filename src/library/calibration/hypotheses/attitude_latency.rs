@@ -88,7 +88,23 @@ impl AttitudeLatency {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector1;
+
     use super::*;
+    use crate::calibration::model::Vector13;
+
+    /// The prior is of the whole latency, whatever part of it is applied.
+    #[test]
+    fn the_prior_pulls_an_applied_latency_towards_zero() {
+        let (information, gradient) = (Vector1::new(300.0), Vector1::new(10.0));
+        let sums = ScoreTest { information, gradient, ..ScoreTest::zero() };
+        let score = EfficientScore { nuisance_columns: [Vector13::zeros()], information, gradient };
+        for (applied_s, expected_s) in [(0.0, 0.025), (0.05, 0.0625)] {
+            let found = AttitudeLatency::estimate_latency(&sums, &score, &Autocorrelation::default(), applied_s);
+            let estimate_s = found.unwrap().estimate_s;
+            assert!((estimate_s - expected_s).abs() < 1e-6, "{applied_s}: {estimate_s}");
+        }
+    }
 
     /// Certain to 15 ms, of three sigma; tried up to twice that sigma, because a latency increases its own sigma.
     #[test]
