@@ -132,6 +132,16 @@ fn full_circles(drift_m_s: f64) -> Vec<GroundVelocity> {
     velocities_at_headings(20.0, drift_m_s, 1.0, circle_headings(1200))
 }
 
+/// Taxiing and hover are far slower than cruise.
+#[test]
+fn slow_or_short_movement_is_not_flight() {
+    let still = |speed_m_s: f64, count: usize| {
+        vec![GroundVelocity { t_s: 0.0, velocity_m_s: Vector2::new(speed_m_s, 0.0) }; count]
+    };
+    assert_eq!(velocities_in_flight([still(20.0, 100), still(4.5, 50)].concat()).map(|flown| flown.len()), Some(100));
+    assert!(velocities_in_flight(still(20.0, 10)).is_none() && velocities_in_flight(still(2.0, 100)).is_none());
+}
+
 /// All headings are in the middle of a bin of 5 deg.
 #[test]
 fn straight_legs_must_be_long_enough_and_all_round() {

@@ -242,6 +242,15 @@ fn each_excluded_row_is_counted_by_one_cause() {
     );
 }
 
+/// A frozen field while the aircraft rolls; rows that are disarmed are not counted again.
+#[test]
+fn usable_rows_with_a_frozen_field_are_excluded() {
+    let mut flight = flight_of_motion(10.0, 601, |t_s| ([0.03 * libm::sin(t_s) as f32, 0.0, 0.0], [0.0; 3]));
+    flight.armed_changes = vec![(19.95, true)];
+    let (_, row_counts) = build_rows(&flight, &compass_with_readings(0, 60), 0.0, None);
+    assert_eq!((row_counts.disarmed, row_counts.frozen_field, row_counts.used), (200, 400, 0));
+}
+
 /// A flight of 200 s at 10 Hz that yaws at a rate. Roll is 0 before the first change and has each value from its time
 /// on, seconds and radians.
 fn flight_with_roll_changes(yaw_rate_rad_s: f32, changes: &[(f64, f32)]) -> LoggedFlight {
