@@ -194,43 +194,6 @@ mod tests {
         assert_eq!(port.active_protocol(timestamp_ms(30_001)), ProtocolKind::Msp);
     }
 
-    /// The protocol detected before the restart is used at once and expires after ten seconds of silence; the first
-    /// frame of either protocol replaces it.
-    #[test]
-    fn detection_begins_with_the_protocol_before_the_restart() {
-        let port_with_previous = || Port::new(ProtocolKind::Auto, ProtocolKind::Mavlink, timestamp_ms(100));
-        let mut port = port_with_previous();
-        assert!(!polled_output(&mut port, 100).starts_with(b"$X<"), "no MSP to one that speaks MAVLink");
-        assert_eq!(port.active_protocol(timestamp_ms(10_100)), ProtocolKind::Mavlink);
-        assert_eq!(port.active_protocol(timestamp_ms(10_101)), ProtocolKind::Auto);
-        assert!(polled_output(&mut port, 10_101).starts_with(b"$X<"));
-        for (frame, protocol) in [(heartbeat_frame(), ProtocolKind::Mavlink), (msp_firmware_frame(), ProtocolKind::Msp)]
-        {
-            let mut port = port_with_previous();
-            receive_bytes(&mut port, 4000, &frame);
-            assert_eq!(port.active_protocol(timestamp_ms(14_000)), protocol);
-        }
-        // After the first frame another protocol changes nothing.
-        let mut port = port_with_previous();
-        receive_bytes(&mut port, 4000, &heartbeat_frame());
-        receive_bytes(&mut port, 4001, &msp_firmware_frame());
-        assert_eq!(port.active_protocol(timestamp_ms(4001)), ProtocolKind::Mavlink);
-        let port = Port::new(ProtocolKind::Nmea, ProtocolKind::Mavlink, timestamp_ms(0));
-        assert_eq!(port.active_protocol(timestamp_ms(1)), ProtocolKind::Nmea);
-    }
-
-    #[test]
-    fn a_configured_protocol_is_never_replaced() {
-        for protocol in [ProtocolKind::Mavlink, ProtocolKind::Msp, ProtocolKind::Nmea] {
-            let mut port = Port::new(protocol, ProtocolKind::Auto, timestamp_ms(0));
-            receive_bytes(&mut port, 0, &heartbeat_frame());
-            receive_bytes(&mut port, 1, &msp_firmware_frame());
-            assert_eq!(port.active_protocol(timestamp_ms(2)), protocol);
-            port.set_protocol(ProtocolKind::Auto);
-            assert_eq!(port.active_protocol(timestamp_ms(2)) == ProtocolKind::Msp, protocol == ProtocolKind::Msp);
-        }
-    }
-
     /// A check that began by MAVLink does not go on by MSP, which the silent line gets then.
     #[test]
     fn an_action_ends_with_its_protocol() {

@@ -49,15 +49,6 @@ mod tests {
         Timestamp::from_us(ms * 1000)
     }
 
-    #[test]
-    fn a_line_with_rates_replaces_one_without() {
-        let mut lines = LineSelector::new();
-        assert!(lines.accept_line_report(timestamp_ms(0), 0, false));
-        assert!(!lines.accept_line_report(timestamp_ms(1), 1, false));
-        assert!(lines.accept_line_report(timestamp_ms(2), 1, true));
-        assert!(!lines.accept_line_report(timestamp_ms(3), 0, false));
-    }
-
     /// A rejected report of another line does not prolong the selection of the silent one.
     #[test]
     fn a_silent_line_is_released() {

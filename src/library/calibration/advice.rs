@@ -412,57 +412,6 @@ mod tests {
         }
     }
 
-    fn advice_with_errors(expected_deg: f32, expected_after_deg: f32, error_floor_deg: f32) -> Advice {
-        Advice {
-            weakest_deviation: Deviation::Constant,
-            weakest_deviation_deg: 0.1,
-            expected_deg,
-            manoeuvre: Manoeuvre::Level,
-            expected_after_deg,
-            error_floor_deg,
-            unobservable: UnobservableQuantities::default(),
-        }
-    }
-
-    #[test]
-    fn small_improvements_are_not_worthwhile() {
-        for (before_deg, after_deg, expected) in [
-            (0.4, 0.4, false),
-            (0.4, 0.39, false),
-            (0.4, 0.3, true),
-            (0.1, 0.095, false),
-            (0.1, 0.08, true),
-            (0.4, f32::NAN, false),
-            (f32::NAN, 0.4, false),
-        ] {
-            let advice = advice_with_errors(before_deg, after_deg, 0.0);
-            assert_eq!(advice.is_worthwhile(), expected, "{before_deg} {after_deg}");
-        }
-    }
-
-    #[test]
-    fn an_expected_error_within_10_percent_is_at_the_floor() {
-        for (expected_deg, floor_deg, expected) in
-            [(1.05, 1.0, true), (1.2, 1.0, false), (1.0, f32::NAN, false), (0.42, 0.4, true), (0.5, 0.4, false)]
-        {
-            let advice = advice_with_errors(expected_deg, 0.0, floor_deg);
-            assert_eq!(advice.is_at_floor(), expected, "{expected_deg} {floor_deg}");
-        }
-    }
-
-    #[test]
-    fn hypothetical_headings_are_evenly_spaced() {
-        let headings: Vec<f32> = Manoeuvre::Circle(-25).headings_rad().collect();
-        assert_eq!((headings.len(), headings[0].to_bits()), (24, 0));
-        let are_even = |headings: &[f32]| headings.windows(2).all(|pair| (pair[1] - pair[0] - TAU / 24.0).abs() < 1e-5);
-        assert!(are_even(&headings));
-        for (quarter, first_deg) in HeadingQuadrant::ALL_QUADRANTS.into_iter().zip([0.0_f32, 90.0, 180.0, 270.0]) {
-            let headings: Vec<f32> = Manoeuvre::Tilt(TiltDirection::Back, Some(quarter)).headings_rad().collect();
-            assert!(are_even(&headings) && headings.len() == 6 && (headings[0] - first_deg.to_radians()).abs() < 1e-5);
-        }
-        assert_eq!(Manoeuvre::Tilt(TiltDirection::Back, None).headings_rad().count(), 24);
-    }
-
     #[test]
     fn each_unobservable_quantity_but_inclination_sets_its_flag() {
         let reported = |quantity| unobservable_flags([quantity].into_iter());

@@ -8,7 +8,7 @@ use crate::frames::{Field, Level, RollPitch};
 use crate::time::WrappingMillis;
 
 /// Horizontal field of all simulated samples, microtesla.
-pub const RADIUS_UT: f32 = 20.0;
+const RADIUS_UT: f32 = 20.0;
 
 const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 

@@ -60,21 +60,14 @@ mod tests {
         (0..300).filter(|second| asks(second)).collect()
     }
 
+    /// Over 3 deg for 20 s, and again after it was below 2 deg.
     #[test]
-    fn a_sigma_over_3_deg_for_20_s_requests_one_turn() {
+    fn each_growth_of_the_sigma_requests_one_turn() {
         assert_eq!(request_times_s(|_| 3.1), [20]);
         assert_eq!(request_times_s(|_| 2.9), []);
         assert_eq!(request_times_s(|second| if second % 20 == 19 { 2.9 } else { 4.0 }), []);
-    }
-
-    #[test]
-    fn a_turn_is_requested_again_after_the_sigma_was_small() {
         assert_eq!(request_times_s(|second| if second == 100 { 2.1 } else { 4.0 }), [20]);
         assert_eq!(request_times_s(|second| if second == 100 { 1.9 } else { 4.0 }), [20, 121]);
-    }
-
-    #[test]
-    fn without_headings_no_turn_is_requested() {
-        assert_eq!(TurnRequest::NO_GROWTH.clone().update_request(&Estimate::EMPTY), None);
+        assert_eq!(TurnRequest::NO_GROWTH.clone().update_request(&Estimate::EMPTY), None, "no heading");
     }
 }

@@ -317,14 +317,6 @@ mod tests {
     const FIRST_ID: f64 = 97_539.0;
     const SECOND_ID: f64 = 131_874.0;
 
-    fn parameters(values: &[(&str, f64)]) -> ParameterHistory {
-        let mut parameters = ParameterHistory::default();
-        for &(name, value) in values {
-            parameters.set_value(0.0, name, value);
-        }
-        parameters
-    }
-
     fn slots(parameters: &ParameterHistory) -> ArdupilotSlots<'_> {
         ArdupilotSlots { parameters, has_all_parameters: true, firmware_name: None, compass_count: 2 }
     }
@@ -339,7 +331,7 @@ mod tests {
 
     #[test]
     fn a_priority_has_the_slot_of_its_device_id_if_the_offsets_in_use_agree() {
-        let parameters = parameters(&[&IDS[..], &OFFSETS].concat());
+        let parameters = ParameterHistory::of_values(&[&IDS[..], &OFFSETS].concat());
         let slots = slots(&parameters);
         let slot_with_x = |x_mg: f32| slots.slot(1, Some((1.0, [x_mg, 0.0, 0.0])));
         assert_eq!(slots.slot(1, None), CompassSlot::Known(2));
@@ -359,7 +351,7 @@ mod tests {
             ("COMPASS_PRIO1_ID", 5.0, UnknownSlot::NoUniqueDeviceId(1)),
             ("COMPASS_DEV_ID", SECOND_ID, UnknownSlot::NoUniqueDeviceId(1)),
         ] {
-            let mut parameters = parameters(&[&IDS[..], &OFFSETS].concat());
+            let mut parameters = ParameterHistory::of_values(&[&IDS[..], &OFFSETS].concat());
             parameters.replace_value(changed, value);
             assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown(reason));
         }
@@ -371,7 +363,7 @@ mod tests {
             ["", "2"].iter().flat_map(|n| ["X", "Y", "Z"].map(|axis| format!("COMPASS_OFS{n}_{axis}"))).collect();
         let offsets: Vec<(&str, f64)> = offsets.iter().map(|name| (name.as_str(), 7.0)).collect();
         let of_link = |values: &[(&str, f64)], firmware_name, compass_count| {
-            let parameters = parameters(values);
+            let parameters = ParameterHistory::of_values(values);
             ArdupilotSlots { parameters: &parameters, has_all_parameters: false, firmware_name, compass_count }
                 .slot(1, None)
         };

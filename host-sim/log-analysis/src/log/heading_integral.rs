@@ -52,17 +52,6 @@ impl HeadingIntegral {
         Self { rows }
     }
 
-    /// The integral of a test: times, seconds, and headings, radians.
-    #[cfg(test)]
-    pub(crate) fn from_points(points: impl Iterator<Item = (f64, f64)>, max_gap_s: f64) -> Self {
-        let mut rows: Vec<IntegralRow> = Vec::new();
-        for (t_s, heading_rad) in points {
-            let part = rows.last().map_or(0, |last| last.part + usize::from(t_s - last.t_s > max_gap_s));
-            rows.push(IntegralRow { t_s, heading_rad, part });
-        }
-        Self { rows }
-    }
-
     pub(crate) fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }

@@ -266,14 +266,6 @@ mod tests {
 
     use super::*;
 
-    fn parameters(values: &[(&str, f64)]) -> ParameterHistory {
-        let mut parameters = ParameterHistory::default();
-        for &(name, value) in values {
-            parameters.set_value(0.0, name, value);
-        }
-        parameters
-    }
-
     /// Whether it is PX4, parameters, and a field in sensor and in body axes.
     type Case = (bool, &'static [(&'static str, f64)], Vector3<f64>, Vector3<f64>);
 
@@ -327,11 +319,11 @@ mod tests {
         ];
         for (is_px4, values, sensor, expected) in cases {
             let slot = u8::from(!is_px4);
-            let body = logged_mounting(&parameters(values), is_px4, 0.0, slot).unwrap() * sensor;
+            let body = logged_mounting(&ParameterHistory::of_values(values), is_px4, 0.0, slot).unwrap() * sensor;
             assert!((body - expected).norm() < 1e-12, "{values:?}: {body}");
         }
         for unknown in [[("COMPASS_EXTERNAL", 0.0)], [("COMPASS_ORIENT", 103.0)]] {
-            assert_eq!(logged_mounting(&parameters(&unknown), false, 0.0, 1), None);
+            assert_eq!(logged_mounting(&ParameterHistory::of_values(&unknown), false, 0.0, 1), None);
         }
     }
 

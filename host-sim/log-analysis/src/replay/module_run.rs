@@ -127,37 +127,3 @@ impl<'a> ModuleRun<'a> {
 fn command_event(command: Command) -> Event {
     Event::Command(command, WrappingMillis::default())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::replay::RowSelection;
-    use crate::replay::tests::compass_of_flown_turns;
-
-    /// The module calibrates itself in the turns, and without turns not even by a command.
-    #[test]
-    fn the_module_ends_its_collection_when_it_is_calibrated() {
-        let (_, compass) = compass_of_flown_turns();
-        let samples: Vec<Sample> = compass
-            .rows
-            .iter()
-            .map(|row| {
-                let time = WrappingMillis::new(((row.t_s - compass.rows[0].t_s) * 1e3).round() as u32);
-                Sample { time, ..Sample::new(row.raw_field, row.attitude) }
-            })
-            .collect();
-        for (sample_count, is_calibrated) in [(samples.len(), true), (50, false)] {
-            let mut retained = RetainedSamples::EMPTY;
-            let options = ReplayOptions::with_selection(RowSelection::Flight);
-            let mut module = ModuleRun::new(Procedure::Flight, &options, 1, &mut retained);
-            module.collect_samples(&samples[..sample_count]);
-            let ended_s = module.ended_s();
-            assert_eq!(ended_s.is_some_and(|ended_s| (30.0..238.0).contains(&ended_s)), is_calibrated, "{ended_s:?}");
-            let outcome = module.into_outcome();
-            assert_eq!((outcome.collection_end_s, outcome.acceptance.is_ok()), (ended_s, is_calibrated));
-            assert_eq!(outcome.solution.is_some(), is_calibrated);
-            // The command to solve is refused with its cause.
-            assert_ne!(outcome.acceptance, Err(Refusal::NoSamples));
-        }
-    }
-}

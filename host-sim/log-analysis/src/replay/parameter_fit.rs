@@ -170,7 +170,7 @@ pub fn half_index_at(t_s: f64) -> usize {
 mod tests {
     use super::*;
     use crate::replay::RowSelection;
-    use crate::replay::tests::{compass_of_flown_turns, level_row};
+    use crate::replay::tests::level_row;
 
     /// The second after a change is skipped.
     #[test]
@@ -200,20 +200,6 @@ mod tests {
                 let second_half_count = (0..20).map(|circle| half_at(circle, 5.0)).sum::<usize>();
                 assert!((4..=16).contains(&second_half_count), "{period_s} s, {phase_s} s: {second_half_count} of 20");
             }
-        }
-    }
-
-    /// At 25 uT horizontal a current that varies by 10 A changes headings by 0.2 deg at 0.0087 uT/A.
-    #[test]
-    fn only_certain_motor_interference_that_affects_headings_is_significant() {
-        for (ut_per_a, sigma_ut_per_a, is_significant) in
-            [([0.0, 0.02, 0.01], 0.004, true), ([0.0, -0.02, 0.01], 0.01, false), ([0.004, 0.0, 0.003], 0.001, false)]
-        {
-            let mut solution = *compass_of_flown_turns().1.parameter_fit.solution().unwrap();
-            (solution.calibration.total_ut, solution.calibration.inclination_rad) = (50.0, 60_f32.to_radians());
-            let motor = &mut solution.calibration.motor_current;
-            (motor.ut_per_a, motor.sigma_ut_per_a, motor.current_sigma_a) = (ut_per_a, sigma_ut_per_a, 10.0);
-            assert_eq!(is_motor_significant(&solution), is_significant, "{ut_per_a:?} {sigma_ut_per_a}");
         }
     }
 }

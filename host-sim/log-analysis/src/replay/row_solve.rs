@@ -149,20 +149,4 @@ mod tests {
             }
         }
     }
-
-    /// Turns begin beyond the bank of level flight, to the left and to the right.
-    #[test]
-    fn samples_are_assigned_to_turns_by_their_bank() {
-        let limit_deg = LEVEL_ROLL_RAD.to_degrees();
-        let rolls_deg = [limit_deg + 0.1, limit_deg - 0.1, f32::NAN, -limit_deg - 0.1, 0.1 - limit_deg];
-        let expected = [
-            (CollectionPart::RIGHT, rolls_deg[0]),
-            (CollectionPart::LEVEL, rolls_deg[1]),
-            (CollectionPart::LEFT, rolls_deg[3]),
-            (CollectionPart::LEVEL, rolls_deg[4]),
-        ];
-        let assigned = assign_collection_parts(&rolls_deg.map(|roll_deg| sample_at(0.0, roll_deg)));
-        let found: Vec<_> = assigned.iter().map(|sample| (sample.part, sample.attitude)).collect();
-        assert_eq!(found, expected.map(|(part, roll_deg)| (part, RollPitch::from_deg(roll_deg, 0.0))));
-    }
 }

@@ -31,8 +31,6 @@ pub enum DeviceBehaviour {
     Hangs,
     /// The line returns no bytes, and does not wait.
     EndOfInput,
-    /// The chip's registers differ from the written values.
-    ChangedRegisters,
 }
 
 /// Magnetometer with a measurement every 10 ms.
@@ -41,7 +39,6 @@ pub struct FakeMagnetometer {
     pub init_behaviour: Rc<Cell<DeviceBehaviour>>,
     pub read_behaviour: Rc<Cell<DeviceBehaviour>>,
     pub verify_behaviour: Rc<Cell<DeviceBehaviour>>,
-    pub verify_count: Rc<Cell<u32>>,
     pub was_overwritten: Rc<Cell<bool>>,
     pub init_count: Rc<Cell<u32>>,
 }
@@ -56,7 +53,6 @@ impl DeviceBehaviour {
         match self {
             Self::Works => Ok(()),
             Self::Fails | Self::EndOfInput => Err(ChipError::Bus(())),
-            Self::ChangedRegisters => Err(ChipError::Configuration { written: 0, read: 1 }),
             Self::Hangs => pending().await,
         }
     }
@@ -74,7 +70,6 @@ impl MeasuringChip for FakeMagnetometer {
     }
 
     async fn verify_configuration(&mut self) -> Result<(), ChipError<()>> {
-        self.verify_count.set(self.verify_count.get() + 1);
         self.verify_behaviour.get().access_registers().await
     }
 
@@ -119,7 +114,7 @@ impl Read for FakeReceiver {
         self.read_count.set(self.read_count.get() + 1);
         loop {
             match self.behaviour.get() {
-                DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
+                DeviceBehaviour::Fails => return Err(ErrorKind::Other),
                 DeviceBehaviour::EndOfInput => return Ok(0),
                 DeviceBehaviour::Works if !self.queued_bytes.borrow().is_empty() => break,
                 DeviceBehaviour::Works | DeviceBehaviour::Hangs => Timer::after_micros(100).await,
@@ -154,7 +149,7 @@ impl Write for FakeTransmitter {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
         match self.behaviour.get() {
             DeviceBehaviour::Works => self.written.borrow_mut().extend(bytes),
-            DeviceBehaviour::Fails | DeviceBehaviour::ChangedRegisters => return Err(ErrorKind::Other),
+            DeviceBehaviour::Fails => return Err(ErrorKind::Other),
             DeviceBehaviour::EndOfInput => return Ok(0),
             DeviceBehaviour::Hangs => pending().await,
         }

@@ -1,11 +1,8 @@
 //! The sensor task: measurements, loss and recovery of the sensor.
 
-use std::rc::Rc;
-
 use super::TaskBench;
 use super::devices::{DETECTED_SENSOR, DeviceBehaviour, FakeMagnetometer};
 use crate::app::sensor;
-use crate::app::task_links::subscribe;
 
 fn bench_with_sensor() -> (TaskBench, FakeMagnetometer) {
     let (mut bench, chip) = (TaskBench::new(), FakeMagnetometer::default());
@@ -43,23 +40,6 @@ fn overwritten_measurements_are_counted() {
     }
 }
 
-/// The sensor is initialised at once, without the delay after a lost sensor.
-#[test]
-fn a_changed_sensor_configuration_is_restored_within_1_s() {
-    let (mut bench, chip) = bench_with_sensor();
-    bench.run_for_ms(3_500);
-    assert_eq!((chip.verify_count.get(), chip.init_count.get()), (3, 1));
-    chip.verify_behaviour.set(DeviceBehaviour::ChangedRegisters);
-    bench.run_for_ms(509);
-    assert_eq!((chip.verify_count.get(), chip.init_count.get()), (4, 2));
-    let counts = bench.links.event_counts();
-    assert_eq!((counts.sensor_register_upsets, counts.sensor_errors), (1, 0));
-    chip.verify_behaviour.set(DeviceBehaviour::Works);
-    let before = counts.readings;
-    bench.run_for_ms(990);
-    assert_eq!(bench.links.event_counts().readings, before + 99, "no measurement was lost over it");
-}
-
 #[test]
 fn a_sensor_that_fails_its_verification_is_lost() {
     for behaviour in [DeviceBehaviour::Fails, DeviceBehaviour::Hangs] {
@@ -87,21 +67,4 @@ fn a_missing_sensor_is_initialised_again_every_200_ms() {
         bench.run_for_ms(301);
         assert!(bench.links.event_counts().readings > 0, "{behaviour:?}");
     }
-}
-
-#[test]
-fn a_lost_sensor_is_found_again() {
-    let (mut bench, chip) = bench_with_sensor();
-    let links = Rc::clone(&bench.links);
-    let mut found = subscribe(&links.sensor);
-    bench.run_for_ms(15);
-    assert!(found.try_changed().is_some());
-    chip.read_behaviour.set(DeviceBehaviour::Fails);
-    bench.run_for_ms(10);
-    chip.read_behaviour.set(DeviceBehaviour::Works);
-    assert_eq!((chip.init_count.get(), bench.links.event_counts().sensor_errors), (1, 1));
-    assert!(found.try_changed().is_none());
-    bench.run_for_ms(200);
-    assert_eq!(chip.init_count.get(), 2);
-    assert!(found.try_changed().is_some());
 }

@@ -29,19 +29,6 @@ fn init_stops_tests_configures_and_starts_in_this_order() {
     });
 }
 
-/// Reading CMM ends continuous mode.
-#[test]
-fn the_continuous_mode_register_is_never_read() {
-    run_script(async {
-        let mut driver = driver();
-        driver.init().await.unwrap();
-        driver.read_measurement().await.unwrap();
-        driver.verify_configuration().await.unwrap();
-        assert!(!driver.chip.spi_device.was_read[0x01]);
-        assert!(driver.chip.spi_device.was_read[0x24..0x2D].iter().all(|&was_read| was_read));
-    });
-}
-
 #[test]
 fn every_bit_of_cycle_counts_and_rate_is_verified() {
     run_script(async {

@@ -149,39 +149,6 @@ fn the_oldest_sender_is_evicted() {
     }
 }
 
-/// Replacements: another vehicle's autopilot, and a second one of the same vehicle.
-#[test]
-fn while_armed_only_the_same_vehicle_replaces_a_silent_autopilot() {
-    let same_vehicle = SenderId::new(0x0102);
-    for (content, other, replaces) in [
-        (Armed, SECOND_AUTOPILOT, false),
-        (Armed, same_vehicle, true),
-        (Disarmed, SECOND_AUTOPILOT, true),
-        (Disarmed, same_vehicle, true),
-    ] {
-        let mut senders = TestSenders::new();
-        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, content), (other, Disarmed)]), [20, 0]);
-        let accepted = senders.run_seconds(60, [(other, Armed)]);
-        assert_eq!(accepted[0] > 0, replaces, "{other:?}");
-        assert_eq!(senders.run_seconds(1, [(AUTOPILOT, content), (other, Armed)]), [20, 0]);
-    }
-}
-
-/// The heartbeat is forged, or of a component with the autopilot's address. A silence of 12 s exceeds the expiry.
-#[test]
-fn a_heartbeat_without_autopilot_does_not_displace_the_autopilot() {
-    for silent_ms in [0, 12_000] {
-        let mut senders = TestSenders::new();
-        senders.send_heartbeat(AUTOPILOT, Armed);
-        assert!(senders.send_attitude(AUTOPILOT));
-        senders.now_ms += silent_ms;
-        senders.send_heartbeat(AUTOPILOT, NotAutopilot);
-        senders.send_heartbeat(SECOND_AUTOPILOT, Disarmed);
-        assert!(!senders.send_attitude(SECOND_AUTOPILOT) && senders.send_attitude(AUTOPILOT));
-        assert_eq!(senders.is_armed(), silent_ms == 0);
-    }
-}
-
 /// Senders are released in turn: either may be another vehicle. Occasional agreement does not restart the minute.
 #[test]
 fn a_sender_that_contradicts_the_field_for_a_minute_is_released() {

@@ -113,40 +113,6 @@ mod tests {
         (0..12).map(mark).collect()
     }
 
-    /// Tolerances allow for the bias by the ridge regularisation.
-    fn assert_response_recovered(found: &SensorResponse, inclination_deg: f32) {
-        let h0_ut = 50.0 * inclination_deg.to_radians().cos();
-        let response = found.response_ut / h0_ut;
-        assert!((response - soft_iron()).norm() < 0.02, "{inclination_deg}: {response}");
-        assert!((found.hard_iron_ut - B_UT).norm() < 1.0, "{inclination_deg}: {}", found.hard_iron_ut);
-    }
-
-    #[test]
-    fn candidate_inclinations_are_found_and_a_configured_one_is_used() {
-        for inclination_deg in INCLINATIONS_DEG {
-            let marks = test_marks(inclination_deg, 20.0);
-            let tried = solve_compass_swing(&marks, &Matrix3::identity(), None).unwrap();
-            let found_deg = tried.tan_inclination.atan().to_degrees();
-            assert!((found_deg - inclination_deg).abs() < 0.01, "{inclination_deg}: {found_deg}");
-            assert_response_recovered(&tried, inclination_deg);
-        }
-        for configured_deg in [52.5_f32, -67.0] {
-            let (marks, configured_rad) = (test_marks(configured_deg, 20.0), configured_deg.to_radians());
-            let configured = solve_compass_swing(&marks, &Matrix3::identity(), Some(configured_rad)).unwrap();
-            assert!((configured.tan_inclination - configured_rad.tan()).abs() < 1e-5);
-            assert_response_recovered(&configured, configured_deg);
-        }
-    }
-
-    #[test]
-    fn an_inclination_between_the_candidates_is_found_to_8_deg() {
-        for inclination_deg in [-70.0_f32, -8.0, 20.0, 50.0, 66.0] {
-            let found = solve_compass_swing(&test_marks(inclination_deg, 20.0), &Matrix3::identity(), None).unwrap();
-            let error_deg = found.tan_inclination.atan().to_degrees() - inclination_deg;
-            assert!(error_deg.abs() < 8.0, "{inclination_deg}: {error_deg}");
-        }
-    }
-
     #[test]
     fn fields_unrelated_to_the_headings_are_rejected() {
         let scaled = |h0_ut: f32| -> Vec<HeadingMark> {

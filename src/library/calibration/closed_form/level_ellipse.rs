@@ -167,18 +167,6 @@ mod tests {
         solve_level_ellipse(level_samples(samples), &Matrix3::identity())
     }
 
-    #[test]
-    fn the_ellipse_map_is_recovered() {
-        let found = solve_level(&samples_at(&evenly_spaced_deg(24), 1.0)).unwrap();
-        let map = test_map_ut();
-        let vertical_ut = map.determinant().sqrt();
-        let expected =
-            Matrix3::new(map[(0, 0)], map[(0, 1)], 0.0, map[(1, 0)], map[(1, 1)], 0.0, 3.0, -1.5, vertical_ut);
-        assert!((found.response_ut - expected).norm() < 2e-3, "{} {expected}", found.response_ut);
-        assert!((found.hard_iron_ut - Vector3::new(12.0, -30.0, 0.0)).norm() < 1e-3, "{}", found.hard_iron_ut);
-        assert!((found.tan_inclination - 40.0 / vertical_ut).abs() < 1e-4, "{}", found.tan_inclination);
-    }
-
     /// Five headings determine an ellipse; each is a leg of three samples. A circle below 6 uT, a quarter of this one, is
     /// noise of a magnetometer next to the pole.
     #[test]
@@ -203,30 +191,6 @@ mod tests {
             ("a third of a circle", arc, 1.0, too_few_headings),
         ] {
             assert_eq!(solve_level(&samples_at(&headings_deg, scale)).map(|_| ()), expected, "{name}");
-        }
-    }
-
-    fn count_headings_of(headings_deg: &[f32]) -> u8 {
-        let hypothesis = EllipseMap { map_ut: test_map_ut(), centre_ut: Vector2::new(12.0, -30.0) };
-        hypothesis.count_headings(samples_at(headings_deg, 1.0).iter().map(|sample| sample.field.ut.xy()))
-    }
-
-    #[test]
-    fn a_leg_counts_as_one_heading_and_a_circle_as_twelve() {
-        let half: Vec<f32> = (0..36_u8).map(|i| 2.0 + f32::from(i) * 5.0).collect();
-        for (name, headings_deg, expected) in [
-            ("nothing", &[][..], 0),
-            ("a heading", &[7.0], 1),
-            ("across a border of sectors", &[13.0, 17.0], 1),
-            ("across north", &[-3.0, 3.0], 1),
-            ("across south", &[177.0, 183.0], 1),
-            ("three sectors across south", &[160.0, 172.0, 185.0], 1),
-            ("two headings", &[7.0, 37.0], 2),
-            ("a square", &[13.0, 17.0, 88.0, 92.0, 178.0, 182.0, 268.0, 272.0], 4),
-            ("a circle", &evenly_spaced_deg(72), 12),
-            ("half a circle", &half, 6),
-        ] {
-            assert_eq!(count_headings_of(headings_deg), expected, "{name}");
         }
     }
 

@@ -126,67 +126,10 @@ mod tests {
         Sample { time: WrappingMillis::new(millis), ..Sample::new(field, RollPitch::from_deg(roll_deg, 3.0)) }
     }
 
-    fn mean_bank(rolls_deg: &[f32]) -> MeanBank {
-        let samples: Vec<Sample> = rolls_deg.iter().map(|roll_deg| turn_sample(*roll_deg, 0.0, 0)).collect();
-        MeanBank::from_samples(Samples::new(&samples))
-    }
-
-    #[test]
-    fn the_bank_of_a_turn_is_the_mean() {
-        let bank = mean_bank(&[20.0, 40.0, 30.0]);
-        assert!((bank.sin - 0.5).abs() < 1e-6 && (bank.cos - 0.866_025_4).abs() < 1e-6, "{bank:?}");
-        let none = mean_bank(&[]);
-        assert!(none.sin.abs() < 1e-6 && (none.cos - 1.0).abs() < 1e-6, "{none:?}");
-    }
-
-    #[test]
-    fn the_planes_of_two_turns_are_as_far_apart_as_their_banks() {
-        let bank = |roll_deg| mean_bank(&[roll_deg]);
-        for (left_deg, right_deg, expected) in [
-            (-25.0, 25.0, Ok(0.766_044)),
-            (25.0, -5.0, Ok(-0.5)),
-            (-50.0, 40.0, Ok(1.0)),
-            (20.0, 25.0, Err(())),
-            (5.0, 0.0, Err(())),
-        ] {
-            match bank(left_deg).sine_of_difference(bank(right_deg)) {
-                Ok(sine) => {
-                    assert!(expected.is_ok_and(|expected: f32| (sine - expected).abs() < 1e-5), "{left_deg}: {sine}");
-                }
-                Err(error) => assert_eq!((error, expected), (SolveError::SamePlane, Err(())), "{left_deg}"),
-            }
-        }
-    }
-
-    #[test]
-    fn hard_iron_and_vertical_field_follow_from_the_centres() {
-        let b_ut = Vector3::new(10.0, -20.0, 5.0);
-        let by_vertical_ut = [Vector3::new(1.0, -9.0, 20.0), Vector3::new(-2.0, 8.0, 22.0)];
-        for vertical in [-1.5, 0.0, 0.7, 3.0] {
-            let centres = TurnCentres {
-                centres_ut: by_vertical_ut.map(|r| r * vertical + b_ut),
-                vertical_response_ut: by_vertical_ut,
-            };
-            assert!((centres.vertical_field() - vertical).abs() < 1e-5, "{vertical}");
-            assert!((centres.hard_iron_ut(vertical) - b_ut).norm() < 1e-4, "{vertical}");
-        }
-    }
-
     fn heading_progress_rad(part: CollectionPart, samples: &[(u32, f32)]) -> f32 {
         let turn_sample = |&(millis, x_ut): &(u32, f32)| Sample { part, ..turn_sample(0.0, x_ut, millis) };
         let samples: Vec<Sample> = samples.iter().map(turn_sample).collect();
         turn_progress_rad(Samples::new(&samples), part, |s| s.field.ut.x)
-    }
-
-    #[test]
-    fn heading_progress_is_positive_along_the_turn_of_either_side() {
-        let up = [(0, 1.0), (500, 1.5), (1000, 2.75)];
-        assert!((heading_progress_rad(CollectionPart::RIGHT, &up) - 1.75).abs() < 1e-6);
-        assert!((heading_progress_rad(CollectionPart::LEFT, &up) + 1.75).abs() < 1e-6);
-        assert!((heading_progress_rad(CollectionPart::RIGHT, &[(0, 3.0), (500, -3.0)]) - 0.283_185).abs() < 1e-5);
-        for samples in [&[][..], &[(0, 1.0)]] {
-            assert!(heading_progress_rad(CollectionPart::LEFT, samples).abs() < 1e-9);
-        }
     }
 
     fn progress_with_gyro_rate(deg_s: f32, every_ms: u32, seconds: u32) -> Option<f32> {

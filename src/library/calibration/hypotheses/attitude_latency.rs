@@ -91,83 +91,19 @@ mod tests {
     use nalgebra::Vector1;
 
     use super::*;
-    use crate::calibration::model::{ResidualEquation, Vector13};
-    use crate::calibration::tests::{constant_equation, is_close};
+    use crate::calibration::model::Vector13;
 
-    struct Evidence {
-        sums: ScoreTest<1>,
-        contributions: Autocorrelation,
-    }
-
-    impl Default for Evidence {
-        fn default() -> Self {
-            Self { sums: ScoreTest::zero(), contributions: Autocorrelation::default() }
-        }
-    }
-
-    impl Evidence {
-        fn add_residual(&mut self, part: usize, equation: &ResidualEquation, by_latency: f32) {
-            self.sums.add_weighted_equation(equation, &Vector1::new(by_latency), 1.0);
-            self.contributions.add_residuals(part, [equation.weight * by_latency * equation.residual, 0.0]);
-        }
-
-        /// Estimate from information and gradient, less the parts that the nuisance parameters explain.
-        fn estimate(
-            &self,
-            applied_s: f32,
-            explained_information: f32,
-            explained_gradient: f32,
-        ) -> Option<AttitudeLatency> {
-            let score = EfficientScore {
-                nuisance_columns: [Vector13::zeros()],
-                information: self.sums.information.add_scalar(-explained_information),
-                gradient: self.sums.gradient.add_scalar(-explained_gradient),
-            };
-            AttitudeLatency::estimate_latency(&self.sums, &score, &self.contributions, applied_s)
-        }
-    }
-
+    /// The prior is of the whole latency, whatever part of it is applied.
     #[test]
-    fn estimate_equals_hand_calculation() {
-        let mut evidence = Evidence::default();
-        for (weight, residual, by_latency) in [(1e4, -0.02, 0.5), (2e4, 0.01, 0.4), (1e4, -0.03, -0.3)] {
-            evidence.add_residual(0, &constant_equation(weight, residual), by_latency);
+    fn the_prior_pulls_an_applied_latency_towards_zero() {
+        let (information, gradient) = (Vector1::new(300.0), Vector1::new(10.0));
+        let sums = ScoreTest { information, gradient, ..ScoreTest::zero() };
+        let score = EfficientScore { nuisance_columns: [Vector13::zeros()], information, gradient };
+        for (applied_s, expected_s) in [(0.0, 0.025), (0.05, 0.0625)] {
+            let found = AttitudeLatency::estimate_latency(&sums, &score, &Autocorrelation::default(), applied_s);
+            let estimate_s = found.unwrap().estimate_s;
+            assert!((estimate_s - expected_s).abs() < 1e-6, "{applied_s}: {estimate_s}");
         }
-        let (information, gradient) = (2500.0 + 3200.0 + 900.0, 100.0 - 80.0 - 90.0);
-        for used_s in [0.0, 0.05] {
-            let found = evidence.estimate(used_s, 600.0, 7.0).unwrap();
-            let all = information - 600.0 + 100.0;
-            assert!(is_close(found.estimate_s, used_s + (gradient - 7.0 - 100.0 * used_s) / all), "{found:?}");
-            assert!(is_close(found.sigma_s, f32::sqrt(1.0 / all)), "{found:?}");
-        }
-        let open = evidence.estimate(0.0, 1e6, 0.0).unwrap();
-        assert!(is_close(open.sigma_s, 0.1), "{open:?}");
-    }
-
-    /// rho = 1/2 triples the variance of the samples' part only.
-    #[test]
-    fn autocorrelation_inflates_the_variance() {
-        let mut evidence = Evidence::default();
-        for residual in [0.01, 0.01, 0.0, 0.0, 0.01, 0.01, 0.0] {
-            evidence.add_residual(1, &constant_equation(1e4, residual), 0.5);
-        }
-        let sample_information = 7.0 * 2500.0;
-        let found = evidence.estimate(0.0, 0.0, 0.0).unwrap();
-        assert!(
-            is_close(found.sigma_s, f32::sqrt(sample_information * 3.0 + 100.0) / (sample_information + 100.0)),
-            "{found:?}"
-        );
-    }
-
-    #[test]
-    fn without_rates_there_is_no_latency() {
-        let mut evidence = Evidence::default();
-        evidence.add_residual(0, &constant_equation(1e4, 0.01), 0.0);
-        assert_eq!(evidence.estimate(0.0, 0.0, 0.0), None);
-        evidence.add_residual(0, &constant_equation(1e4, 0.01), 0.1);
-        assert!(evidence.estimate(0.0, 0.0, 0.0).is_some());
-        assert_eq!(evidence.estimate(0.0, 0.0, f32::NAN), None);
-        assert_eq!(evidence.estimate(f32::INFINITY, 0.0, 0.0), None);
     }
 
     /// Certain to 15 ms, of three sigma; tried up to twice that sigma, because a latency increases its own sigma.

@@ -165,53 +165,6 @@ impl WhiteNoiseFraction {
 }
 
 #[cfg(test)]
-mod autocorrelation_tests {
-    use super::*;
-
-    fn is_close(found: [f32; 2], expected: [f32; 2]) -> bool {
-        found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-3)
-    }
-
-    #[test]
-    fn correlated_residuals_inflate_the_variance() {
-        for (products, squares, excess) in [
-            (0.0, 0.0, 0.0),
-            (-5.0, 10.0, 0.0),
-            (2.0, 10.0, 0.5),
-            (9.4, 10.0, 31.3333),
-            (9.6, 10.0, 38.0),
-            (10.0, 10.0, 38.0),
-        ] {
-            for own in [0, 1] {
-                let mut sums = Autocorrelation {
-                    lag_products: [5.0; 2],
-                    square_sums: [10.0; 2],
-                    previous_residuals: [[0.0; 2]; PART_COUNT],
-                };
-                (sums.lag_products[own], sums.square_sums[own]) = (products, squares);
-                let mut expected = [2.0; 2];
-                expected[own] = excess;
-                assert!(is_close(sums.excess_variance_inflation(), expected), "{products} {squares}");
-            }
-        }
-    }
-
-    #[test]
-    fn lag_products_pair_samples_of_the_same_part() {
-        let mut correlation = Autocorrelation::default();
-        for (part, residuals) in [(0, [1.0, -2.0]), (1, [3.0, 1.0]), (0, [2.0, 0.5]), (2, [9.0, 9.0]), (1, [-1.0, 2.0])]
-        {
-            correlation.add_residuals(part, residuals);
-        }
-        assert!(is_close(correlation.lag_products, [2.0 - 3.0, -1.0 + 2.0]), "{correlation:?}");
-        assert!(is_close(correlation.sums_of_squares(), [1.0 + 9.0 + 4.0 + 81.0 + 1.0, 4.0 + 1.0 + 0.25 + 81.0 + 4.0]));
-        let before = correlation;
-        correlation.add_residuals(PART_COUNT, [1.0, 1.0]);
-        assert_eq!(correlation, before);
-    }
-}
-
-#[cfg(test)]
 mod heteroscedasticity_tests {
     use super::*;
 

@@ -284,27 +284,6 @@ fn each_prior_constrains_its_own_quantity() {
 }
 
 #[test]
-fn each_prior_has_the_sigma_of_its_quantity() {
-    let parameters =
-        ModelParameters { w: Matrix3::identity(), corrected_mean_field: Vector3::zeros(), inclination_rad: 0.5 };
-    let unknowns = parameters.unknowns().unwrap();
-    for config in [ModelConfig::DEFAULT, ModelConfig::WITH_FIXED_MOUNTING] {
-        for (known, inclination_sigma_rad) in [(None, 10.0), (Some(0.9), config.known_inclination_sigma_rad)] {
-            for (quantity, .., sigma) in priors(&Likelihood { config, ..likelihood(known) }, &unknowns) {
-                let expected = match quantity {
-                    PriorQuantity::SoftIron => config.soft_iron_sigma,
-                    PriorQuantity::Mounting => config.mounting_sigma_rad,
-                    // The unit of field is 40 uT.
-                    PriorQuantity::HardIron => config.hard_iron_sigma_ut / 40.0,
-                    PriorQuantity::Inclination => inclination_sigma_rad,
-                };
-                assert!((sigma / expected - 1.0).abs() < 1e-6, "{quantity:?}: {sigma}");
-            }
-        }
-    }
-}
-
-#[test]
 fn an_expected_field_has_no_residuals() {
     let mut random = Random(82);
     for case in random_cases(Case::normalised) {

@@ -3,7 +3,6 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::synthetic::{Airframe, Flight, Parts, Random, max_abs, turn_samples};
-use crate::calibration::closed_form::starting_point::StartingPoint;
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
@@ -142,23 +141,6 @@ fn mirrored_or_singular_matrices_are_rejected() {
         }
         assert_eq!(likelihood.calibration(&unknowns), Err(SolveError::NotConverged));
     }
-}
-
-#[test]
-fn a_start_converts_to_unknowns() {
-    let samples = [sample_of_field([12.0, -31.0, 28.0]), sample_of_field([5.0, 3.0, -20.0])];
-    let samples = turn_samples(&samples, &[]);
-    let likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, samples, 40.0);
-    let w = Matrix3::new(1.2, 0.1, -0.2, 0.3, 0.9, 0.1, -0.1, 0.2, 1.1);
-    let start = StartingPoint { field_unit_ut: 40.0, w, hard_iron: Vector3::new(0.1, 0.2, -0.3), inclination_rad: 0.4 };
-    let parameters = ModelParameters::from_unknowns(&likelihood.unknowns_from_start(&start).unwrap());
-    let mean_minus_hard_iron = likelihood.mean_field - start.hard_iron;
-    assert_eq!(parameters.w, w);
-    assert!((parameters.corrected_mean_field - w * mean_minus_hard_iron).norm() < 1e-6);
-    assert!((parameters.mean_minus_hard_iron().unwrap() - mean_minus_hard_iron).norm() < 1e-5);
-    assert!((parameters.inclination_rad - 0.4).abs() < 1e-6);
-    let broken = StartingPoint { hard_iron: Vector3::repeat(f32::NAN), ..start };
-    assert!(likelihood.unknowns_from_start(&broken).is_none());
 }
 
 /// Inclination two sigma off its prior costs 2; damping shortens the step to 1/2, 1/4.

@@ -304,14 +304,6 @@ fn the_sensor_s_noise_is_that_of_a_single_reading() {
 }
 
 #[test]
-fn unobserved_attitude_noise_is_half_a_degree() {
-    let likelihood = likelihood(&Prior::default(), ModelConfig::WITHOUT_ATTITUDE);
-    let found =
-        heading_uncertainty(&likelihood, &parameters().unknowns().unwrap(), &CoefficientCovariance::ZERO, 1.0).unwrap();
-    assert!((found.attitude_sigma_rad.to_degrees() - 0.5).abs() < 0.002);
-}
-
-#[test]
 fn singular_information_has_no_covariance() {
     let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let at = parameters().unknowns().unwrap();

@@ -49,11 +49,6 @@ fn weakest_sample_index(samples: &[Sample], level_quota: usize) -> Option<usize>
     selection.find_least_informative_sample(new, others, level_quota)
 }
 
-/// Removes the least informative samples until this number is left; returns the removed ones.
-fn remove_weakest(samples: &mut Vec<Sample>, remaining: usize, level_quota: usize) -> Vec<Sample> {
-    (remaining..samples.len()).map(|_| samples.remove(weakest_sample_index(samples, level_quota).unwrap())).collect()
-}
-
 #[test]
 fn repeated_samples_have_the_least_leverage() {
     for first in [0, 20, 60] {
@@ -62,51 +57,6 @@ fn repeated_samples_have_the_least_leverage() {
         let place = weakest_sample_index(&samples, 0).unwrap();
         assert!((first..first + 40).contains(&place), "{first} {place}");
     }
-}
-
-/// A single tilted sample among level ones; a changed attitude with the same field.
-#[test]
-fn unique_samples_are_retained() {
-    let level: Vec<Sample> = circle(0.0).collect();
-    let tilted = Sample { attitude: RollPitch::from_deg(8.0, 0.0), ..level[3] };
-    for (rare, remaining) in [(sample_at(0.3, 15.0, 0.0), 13), (sample_at(0.3, 0.0, -15.0), 13), (tilted, 21)] {
-        let mut samples = level.clone();
-        samples.insert(7, rare);
-        assert!(!remove_weakest(&mut samples, remaining, 0).contains(&rare), "{:?}", rare.attitude);
-    }
-}
-
-/// Level samples among turns at 25 deg of bank, which have three times their leverage.
-#[test]
-fn a_quota_of_level_samples_is_retained() {
-    const LEVEL_QUOTA: usize = 10;
-    let mut samples: Vec<Sample> = circle(25.0).chain(circle(-25.0)).chain(circle(0.0)).collect();
-    remove_weakest(&mut samples, 60, LEVEL_QUOTA);
-    assert_eq!(samples.iter().filter(|sample| is_level(sample)).count(), LEVEL_QUOTA);
-}
-
-#[test]
-fn soft_iron_hardly_changes_the_selection() {
-    let selections = [Matrix3::identity(), BENT].map(|soft_iron| {
-        let all = random_samples(&soft_iron);
-        let mut samples = all.clone();
-        remove_weakest(&mut samples, 20, 0);
-        all.iter().map(|sample| samples.contains(sample)).collect::<Vec<_>>()
-    });
-    let both = selections[0].iter().zip(&selections[1]).filter(|(first, second)| **first && **second).count();
-    // A random selection would retain 7.
-    assert!(both >= 12, "{both} of 20");
-}
-
-/// A stronger reading is normalised: each sample and its copy, 2 % stronger, are removed at the same rate.
-#[test]
-fn norm_noise_does_not_change_the_leverage() {
-    let samples = random_samples(&Matrix3::identity());
-    let stronger = |s: &Sample| Sample { field: Field::new(HARD_IRON_UT + (s.field.ut - HARD_IRON_UT) * 1.02), ..*s };
-    let mut both: Vec<Sample> = samples.iter().flat_map(|s| [*s, stronger(s)]).collect();
-    remove_weakest(&mut both, 60, 0);
-    let stronger_count = both.iter().filter(|sample| !samples.contains(sample)).count();
-    assert!((22..=38).contains(&stronger_count), "{stronger_count} of 60");
 }
 
 /// Among equivalent samples the new one is removed; 100 % more tilt exceeds the margin.
@@ -153,29 +103,6 @@ fn trial_linearisation(soft_iron: &Matrix3<f32>, sensor_noise_share: f32) -> Lin
         ..Linearisation::NO_COEFFICIENTS.calibration
     };
     Linearisation { calibration, sensor_noise_share, new_sample_leverage_factor: 0.9, is_from_trial: true }
-}
-
-/// Both residuals are noise of the sensor if they are equal; of norm and inclination residuals of 1 : 2 a quarter of
-/// the inclination's variance is the sensor's. Without residuals there is nothing to attribute.
-#[test]
-fn the_sensor_share_of_noise_is_the_ratio_of_variances() {
-    for (norm_residual, inclination_residual_rad, expected) in
-        [(0.01, 0.02_f32, 0.25), (0.002, 0.02, 0.01), (0.03, 0.02, 1.0), (0.0, 0.0, 1.0)]
-    {
-        let quality = Quality {
-            method: crate::calibration::Method::MaximumLikelihood,
-            envelope: crate::calibration::AttitudeEnvelope::Banked,
-            expected_rms_deg: 1.0,
-            expected_worst_deg: 2.0,
-            norm_residual,
-            inclination_residual_deg: inclination_residual_rad.to_degrees(),
-            samples: 100,
-            latency: None,
-            knows_inclination: true,
-        };
-        let found = Linearisation::from_trial(&Linearisation::NO_COEFFICIENTS.calibration, &quality).sensor_noise_share;
-        assert!((found - expected).abs() < 1e-5, "{norm_residual} {inclination_residual_rad}: {found}");
-    }
 }
 
 /// Noise of 1 % of the field or 0.6 deg of attitude changes the inclination row to second order only, if the

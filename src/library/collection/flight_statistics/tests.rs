@@ -1,6 +1,6 @@
 //! Unit tests of `flight_statistics`.
 
-use super::super::test_samples::{banked_sample, collected, turn_samples};
+use super::super::test_samples::{banked_sample, collected};
 use super::*;
 use crate::calibration::method_selection::Procedure;
 
@@ -64,21 +64,6 @@ fn occasional_gaps_are_no_problem() {
         let samples = times_ms.enumerate().map(|(i, time_ms)| banked_sample(roll_deg(i), 0.0, time_ms));
         let expected = if is_reported { "a sample comes every 0." } else { "" };
         assert_problem("", &problem_text(Procedure::Turns, samples), expected);
-    }
-}
-
-/// Two circles in 160 s, against arcs of 120 deg in 90 s. Over 20 s an arc can be the start of a circle.
-#[test]
-fn arcs_are_reported() {
-    for (name, rates_deg_s, seconds, expected) in [
-        ("circles", [4.5, 4.5], 90, ""),
-        ("arcs", [1.3, 1.3], 90, "the left turns went through"),
-        ("a right arc", [4.5, 1.3], 90, "the right turns went through"),
-        ("short arcs", [1.3, 1.3], 20, ""),
-    ] {
-        let left = turn_samples(-25.0, 0, seconds, -rates_deg_s[0]);
-        let right = turn_samples(25.0, seconds, 2 * seconds, rates_deg_s[1]);
-        assert_problem(name, &problem_text(Procedure::Turns, left.chain(right)), expected);
     }
 }
 

@@ -4,7 +4,7 @@ use super::super::test_samples::{banked_sample, circle_sample, collected, test_s
 use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
 use super::*;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{CollectionPart, Sample, Samples};
+use crate::calibration::{Sample, Samples};
 use crate::time::WrappingMillis;
 
 const MANUAL_CONTEXT: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
@@ -78,33 +78,6 @@ fn samples_survive_a_restart() {
         assert_eq!(after.collection_problem().is_some(), before.collection_problem().is_some(), "{procedure:?}");
         // The count of distinct samples is retained only with a stored sample.
         assert!(before.distinct_sample_count() - after.distinct_sample_count() <= 4, "{procedure:?}");
-    }
-}
-
-/// Restart at any sample, with the module's clock at zero; the collection then completes after two settling times of 2
-/// s.
-#[test]
-fn a_collection_continues_after_a_restart() {
-    let samples: Vec<Sample> = turn_samples(-25.0, 0, 90, -13.0).chain(turn_samples(25.0, 90, 180, 13.0)).collect();
-    for cut in (50..samples.len()).step_by(97) {
-        let mut retained = RetainedSamples::EMPTY;
-        collect(&mut retained, Procedure::Turns, samples[..cut].iter().copied());
-        let mut collector = Collector::new(&mut retained);
-        let anew = samples[cut].time;
-        for &sample in &samples[cut..] {
-            let time = WrappingMillis::new(300 + sample.time.ms_since(anew));
-            collector.push_sample(Sample { time, ..sample });
-            collector.update_header(MANUAL_CONTEXT);
-        }
-        assert!(collector.collection_progress().is_complete(), "{cut}: {:?}", collector.collection_progress());
-        for part in [
-            collector.fit_samples().samples_of_part(CollectionPart::LEFT),
-            collector.fit_samples().samples_of_part(CollectionPart::RIGHT),
-            collector.held_back_samples().samples_of_part(CollectionPart::LEFT),
-        ] {
-            let intervals = part.iter().zip(part.iter().skip(1)).map(|(a, b)| b.time.signed_ms_since(a.time));
-            assert!(intervals.min().is_some_and(|interval_ms| interval_ms >= 400), "{cut}");
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 use testkit::random::Random;
 
-use super::super::test_samples::{RADIUS_UT, circle_sample, collected, stored_times_ms, test_sample, turn_samples};
+use super::super::test_samples::{circle_sample, collected, stored_times_ms, test_sample, turn_samples};
 use super::*;
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
@@ -150,14 +150,6 @@ fn circle_through(samples: &[Sample]) -> Option<TurnCircle> {
     TurnCircle::fit_circle(Samples::new(samples))
 }
 
-/// 60 deg of arc. Tolerance: `f32` rounding of 100 uT hard iron squared, 1e-6, times ten.
-#[test]
-fn an_arc_determines_the_circle() {
-    let arc: Vec<Sample> = (0..=60).step_by(5).map(|heading_deg| circle_sample(heading_deg as f32)).collect();
-    let circle = circle_through(&arc).unwrap();
-    assert!((circle.radius_ut - RADIUS_UT).abs() < 0.01, "{circle:?}");
-}
-
 #[test]
 fn two_points_or_nonfinite_values_have_no_circle() {
     let points = [0.0, 90.0, 200.0].map(circle_sample);
@@ -179,19 +171,4 @@ fn an_angle_of_pi_is_in_the_last_sector() {
         [SECTOR_COUNT / 2, SECTOR_COUNT / 2 - 1]
     );
     assert_eq!(sector_of_direction(Vector2::new(f32::NAN, 1.0)), 0);
-}
-
-/// The position of the first sector depends on the plane's axes.
-#[test]
-fn sectors_are_twelve_of_thirty_degrees_in_order() {
-    let all: Vec<Sample> = (0..360_u16).map(|heading_deg| circle_sample(f32::from(heading_deg))).collect();
-    let circle = circle_through(&all).unwrap();
-    let sectors: Vec<usize> = all.iter().map(|s| circle.sector_of(s)).collect();
-    for sector in 0..SECTOR_COUNT {
-        let wide = sectors.iter().filter(|s| **s == sector).count();
-        assert!((29..=31).contains(&wide), "sector {sector} is {wide} deg wide");
-    }
-    let changes = sectors.iter().zip(sectors.iter().cycle().skip(1)).filter(|(a, b)| a != b);
-    assert_eq!(changes.clone().count(), SECTOR_COUNT);
-    assert!(changes.clone().all(|(a, b)| a.abs_diff(*b) == 1 || a.abs_diff(*b) == SECTOR_COUNT - 1));
 }

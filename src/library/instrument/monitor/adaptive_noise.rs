@@ -145,19 +145,3 @@ impl AdaptiveNoise {
 fn update_moving_average(mean: &mut f32, value: f32, weight: f32) {
     *mean += weight.min(1.0) * (value - *mean);
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Time constant of the strength residual: 30 s, after which 63 % of a change is followed.
-    #[test]
-    fn the_strength_residual_is_followed_within_30_s() {
-        let mut noise = AdaptiveNoise::new(SampleNoise { strength_variance: 9e-6, tilt_variance_rad2: 1e-5 }, 1.0);
-        for _ in 0..300 {
-            noise.update_strength_residual(0.004, 0.1);
-        }
-        let followed = (noise.strength_residual_mean_square() - 9e-6) / (16e-6 - 9e-6);
-        assert!((followed - 0.632).abs() < 0.005, "{followed}");
-    }
-}

@@ -174,38 +174,6 @@ impl InnovationGate {
 mod tests {
     use super::*;
 
-    /// Innovations in sigmas of 0.01; NaN for a missing one.
-    fn innovations_of_sigmas(sigmas: [f32; 3]) -> PerKind<Option<Innovation>> {
-        sigmas.map(|n| (!n.is_nan()).then_some(Innovation { residual: 0.01 * n, variance: 1e-4 }))
-    }
-
-    /// Whether a sample with these innovations, in sigmas, shows a change.
-    fn detects_change(gate: &mut InnovationGate, sigmas: [f32; 3]) -> bool {
-        matches!(gate.test_innovations(innovations_of_sigmas(sigmas), 0.1), GateResult::ChangeDetected { .. })
-    }
-
-    fn samples_to_change(sigmas: [f32; 3]) -> Option<usize> {
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        (1..=40).find(|_| detects_change(&mut gate, sigmas))
-    }
-
-    #[test]
-    fn two_innovations_over_4_sigma_or_six_over_2_sigma_show_a_change() {
-        for (i, kind) in MeasurementKind::ALL_MEASUREMENTS.into_iter().enumerate() {
-            for (sigmas, expected) in
-                [(5.0, Some(2)), (-5.0, Some(2)), (3.0, Some(6)), (-3.0, Some(6)), (1.5, None), (f32::NAN, None)]
-            {
-                let alone = core::array::from_fn(|k| if k == i { sigmas } else { 0.0 });
-                assert_eq!(samples_to_change(alone), expected, "{sigmas} of {kind:?}");
-            }
-        }
-        // Alternating kinds do not form a sequence.
-        let mut gate = InnovationGate::NO_INNOVATIONS;
-        for _ in 0..10 {
-            assert!(!detects_change(&mut gate, [5.0, 0.0, 0.0]) && !detects_change(&mut gate, [0.0, 5.0, 0.0]));
-        }
-    }
-
     /// 20 % of the field, or 11 deg of inclination, for up to 1.2 s: a restart of the sensor.
     #[test]
     fn gross_innovations_are_withheld_for_up_to_12_samples() {

@@ -64,24 +64,6 @@ impl SimulatedReadings {
 
 const PARKED_FIELD_UT: [f32; 3] = [20.0, -5.0, 40.0];
 
-#[test]
-fn an_axis_that_repeats_is_stuck_at_the_sixteenth_reading() {
-    for axis in 0..3 {
-        let mut readings = SimulatedReadings::settled();
-        let stuck_at = PARKED_FIELD_UT[axis];
-        let faults: Vec<_> = (0..20)
-            .map(|_| {
-                let mut field_ut = readings.with_noise(PARKED_FIELD_UT);
-                field_ut[axis] = stuck_at;
-                readings.check_with_slow_turn(field_ut)
-            })
-            .collect();
-        assert_eq!(faults.iter().position(Option::is_some), Some(15), "axis {axis}: {faults:?}");
-        assert!(faults[15..].iter().all(|fault| *fault == Some(ReadingFault::Stuck)));
-        assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 10), []);
-    }
-}
-
 /// At either end of its range an axis is clipped after eight equal readings, half of a stuck one's; later at once.
 #[test]
 fn a_clipping_level_is_found_in_eight_readings_and_remembered() {
@@ -116,12 +98,6 @@ fn an_axis_that_moved_under_5_ut_is_not_clipped() {
     assert_eq!((0..15).find_map(|_| axis.check_axis_value(10.0, 16)), None);
 }
 
-#[test]
-fn the_saturation_flag_of_the_chip_has_priority() {
-    let reading = Reading { is_saturated: true, ..reading(PARKED_FIELD_UT) };
-    assert_eq!(new_check().check_reading(Timestamp::from_us(1), &reading, None), Some(ReadingFault::Saturated));
-}
-
 /// RMS step of the reference sensor 0.9 uT, times 5 = 4.4 uT, plus 0.9 uT for 0.2 + 0.5 rad/s.
 #[test]
 fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
@@ -136,19 +112,6 @@ fn a_single_distant_reading_is_a_spike_and_the_next_one_is_accepted() {
     }
     let mut readings = SimulatedReadings::settled();
     assert_eq!(readings.check_with_slow_turn([f32::NAN, 0.0, 0.0]), Some(ReadingFault::Spike));
-}
-
-/// Limit: 5 * 1.5 uT, plus 100 uT times rotation in one period: (2 + 0.5) rad/s adds 3.1 uT, unknown rates 5 uT.
-#[test]
-fn the_spike_limit_grows_with_the_turn_rate() {
-    for (turning_rad_s, limit_ut) in [(Some(0.0), 8.125), (Some(2.0), 10.625), (None, 12.5)] {
-        for (part, expected) in [(0.95, None), (1.05, Some(ReadingFault::Spike))] {
-            let mut readings = SimulatedReadings::new();
-            readings.check_with_slow_turn([0.0; 3]);
-            let found = readings.check_with_turn_rate([part * limit_ut, 0.0, 0.0], turning_rad_s);
-            assert_eq!(found, expected, "{part} of {limit_ut} uT at {turning_rad_s:?} rad/s");
-        }
-    }
 }
 
 #[test]

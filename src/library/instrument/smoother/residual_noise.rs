@@ -44,38 +44,3 @@ impl ResidualNoise {
         self.remaining_fraction += (mean_fraction - self.remaining_fraction) * step_s / (self.averaging_s + step_s);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::instrument::smoother::tests::STEP_S;
-
-    /// Fraction after constant innovations in sigmas, each for some seconds.
-    fn fraction_after(innovations: &[(f32, f32)]) -> f32 {
-        let mut residual_noise = ResidualNoise::INITIAL;
-        for &(innovation, seconds) in innovations {
-            residual_noise.restart_mean();
-            for _ in 0..(seconds / STEP_S) as usize {
-                residual_noise.update_noise(innovation, 1.0, STEP_S);
-            }
-        }
-        residual_noise.remaining_fraction()
-    }
-
-    /// 1.5 times the square of the mean innovation, at most 1. It is averaged over the time so far, at most two
-    /// minutes.
-    #[test]
-    fn the_remaining_fraction_is_averaged_and_at_most_one() {
-        for (innovations, expected) in [
-            (&[][..], 0.225),
-            (&[(1.0, 1200.0)], 1.0),
-            (&[(-2.0, 1200.0)], 1.0),
-            (&[(0.5, 1200.0)], 0.375),
-            (&[(0.0, 10.0)], 0.1125),
-            (&[(1.0, 1200.0), (0.0, 120.0)], 1.5 * (-1.0_f32).exp()),
-        ] {
-            let found = fraction_after(innovations);
-            assert!((found - expected).abs() < 0.01, "{innovations:?}: {found}");
-        }
-    }
-}

@@ -125,24 +125,6 @@ fn readings_per_sample_give_about_ten_samples_per_second() {
     }
 }
 
-#[test]
-fn the_silence_limit_is_eight_periods() {
-    assert_eq!(InstrumentConfig::new(12_500).silence_timeout_us(), 100_000);
-    assert_eq!(InstrumentConfig::new(100_000).silence_timeout_us(), 800_000);
-}
-
-#[test]
-fn a_calibrated_instrument_with_attitude_gives_heading_and_field() {
-    let mut instrument = calibrated_instrument();
-    let attitude = RollPitch::from_deg(25.0, -4.0);
-    report_attitude(&mut instrument, 0, attitude);
-    let estimate = process_reading(&mut instrument, 10_000, sensor_field(2.0, attitude));
-    assert!((estimate.heading.unwrap().magnetic_rad - 2.0).abs() < 1e-4, "{estimate:?}");
-    assert_eq!(estimate.timestamp, us_after_start(10_000));
-    assert_eq!(estimate.attitude, Some(attitude));
-    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(2.0, attitude))));
-}
-
 /// Latency of +-40 ms at a roll rate of 1 rad/s. Samples keep the reported attitude, so that any calibration can be
 /// applied to them.
 #[test]

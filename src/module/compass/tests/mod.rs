@@ -7,13 +7,12 @@ mod restart;
 
 use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
 use super::*;
-use crate::messages::{ExpectedAccuracy, Message, SolveOutcome};
+use crate::messages::{Message, SolveOutcome};
 use crate::settings::SettingValue::{Number, Whole};
 use crate::settings::{HeadingKind, OutOfRange, PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::tests::calibration_record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
 use crate::synthetic::{Airframe, Flight, Random, RecordedTurns, in_mount, multirotor_samples};
-use autoswing::acceptance::Rejection;
 use autoswing::calibration::{Calibration, CollectionPart, Method, Orientation, SolveError};
 use autoswing::frames::{Field, RollPitch, Sensor};
 use autoswing::instrument::{Correction, SampleAttitude, SensorErrorSigmas};
@@ -346,48 +345,6 @@ fn without_a_sensor_calibration_is_refused() {
 }
 
 #[test]
-fn a_second_calibration_is_judged_against_the_first() {
-    let mut bed = TestBed::new();
-    bed.calibrate(&complete_turns(1)).unwrap();
-    let first = bed.active_record();
-    let short_flight =
-        Flight { samples_per_side: 40, attitude_noise_deg: 1.5, ..Flight::TYPICAL }.fly(&airframe(), &mut Random(5));
-    let refused = bed.calibrate(&short_flight).unwrap_err();
-    let rejected = matches!(
-        refused,
-        Refusal::Rejected(
-            Rejection::LessInformative { .. } | Rejection::NotBetter { .. } | Rejection::TooFewHeldBack { .. }
-        )
-    );
-    assert!(rejected, "{refused:?}");
-    assert_eq!((bed.active_record(), bed.state()), (first, ModuleState::Calibrated));
-    let changed_airframe = Airframe { b_ut: airframe().b_ut * 0.2, ..airframe() };
-    let complete_flight = Flight { samples_per_side: 190, ..Flight::TYPICAL };
-    bed.calibrate(&complete_flight.fly(&changed_airframe, &mut Random(2))).unwrap();
-    let second = bed.active_record();
-    assert_eq!(second.serial_number, 2);
-    assert!(bed.status_report().can_undo);
-    for expected in [first, second] {
-        assert_eq!(bed.expect_saved(Command::CalUndo), ModuleState::Calibrated);
-        assert_eq!(
-            (bed.active_record(), bed.flash.stored_calibrations.current_calibration),
-            (expected, Some(expected))
-        );
-    }
-}
-
-/// `tan(54 deg) = 1.38`, for either sign of inclination.
-#[test]
-fn heading_error_per_attitude_error_is_the_tangent_of_inclination() {
-    let CalibrationRecord { quality, calibration, .. } = calibration_record(1);
-    for (inclination_deg, cost) in [(54.0_f32, 1.376_382), (-54.0, 1.376_382), (0.0, 0.0), (70.0, 2.747_477)] {
-        let calibration = Calibration { inclination_rad: inclination_deg.to_radians(), ..calibration };
-        let found = ExpectedAccuracy::new(quality, &calibration).heading_deg_per_attitude_deg.unwrap();
-        assert!((found - cost).abs() < 1e-4, "{inclination_deg}: {found}");
-    }
-}
-
-#[test]
 fn serial_numbers_wrap() {
     let last = CalibrationRecord { serial_number: u32::MAX, ..calibration_record(1) };
     let mut bed = TestBed::with_calibrations(&[last]);
@@ -448,19 +405,6 @@ fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     for larger_error_deg in [expected_deg(1.0, 0.0), expected_deg(0.0, 5.0)] {
         assert!(larger_error_deg > 1.2 * without_error, "{larger_error_deg} {without_error}");
     }
-}
-
-#[test]
-fn clear_removes_all_calibrations_and_undo_needs_a_previous_one() {
-    let mut bed = TestBed::with_calibrations(&[calibration_record(2)]);
-    assert_eq!(bed.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
-    let mut bed = TestBed::with_calibrations(&[calibration_record(2), calibration_record(1)]);
-    assert!(matches!(bed.send_command(Command::CalClear), Effect::Save));
-    assert!(matches!(bed.compass.pending_change(), Some(StoreChange::Clear)));
-    assert!(bed.compass.active_record().is_some(), "until it is written");
-    assert!(matches!(bed.save(), Effect::Reply(Ok(Reply::Done(ModuleState::Uncalibrated)))));
-    assert!(bed.compass.active_record().is_none());
-    assert_eq!(bed.expect_refusal(Command::CalUndo), Refusal::NoPreviousCalibration);
 }
 
 #[test]

@@ -129,20 +129,6 @@ fn a_collection_lost_with_the_power_is_reported() {
     assert_eq!(module.outcome_after_restart(), (None, 3), "stored with the calibration");
 }
 
-#[test]
-fn a_damaged_collection_is_lost() {
-    let mut module = Module::after_collecting(&hover_samples(1)[..80]);
-    let mut at = 0;
-    module.memory.transform_words(|word| {
-        at += 1;
-        if at == 100 { word ^ 1 } else { word }
-    });
-    module.restart(|bed| {
-        assert_eq!(bed.compass.last_collection_outcome(), Some(&Message::CollectionLost));
-        assert_eq!(bed.state_and_fit_count().1, 0);
-    });
-}
-
 /// The samples are a possible cause of unexpected restarts; not of requested ones, nor if a trial solve completed.
 #[test]
 fn only_repeated_unexpected_restarts_lose_the_collection() {

@@ -95,15 +95,6 @@ fn solution_with(expected_rms_deg: f32) -> Solution {
     Solution { calibration, quality, uncertainty, advice: None, hard_iron_change: None, bank_scale_error: None }
 }
 
-#[test]
-fn the_accuracy_must_be_reached_twice_in_a_row() {
-    for (trials_deg, end) in [(&[0.9, 0.9][..], 1), (&[1.1, 0.9, 0.9], 2), (&[0.9, 1.1, 0.9, 0.9], 3)] {
-        let mut trials = TrialSolves::NO_TRIALS;
-        let found = trials_deg.iter().position(|&deg| trials.record_result(&solution_with(deg), None, 1.0));
-        assert_eq!(found, Some(end), "{trials_deg:?}");
-    }
-}
-
 /// Number of the trial that ends the collection; each trial represents this number of trials, ten seconds apart, and its
 /// expected error is at its floor or far from it. No manoeuvre is worthwhile, and the accuracy is not reached.
 fn end_of_trials(trials_deg: &[f32], represented_trials: u8, is_at_floor: bool) -> Option<usize> {

@@ -13,6 +13,7 @@ use testkit::flash::RamFlash;
 use super::fields::StoredFields;
 use super::*;
 use crate::settings::{HeadingKind, ProtocolKind, Settings};
+use crate::synthetic::typical_quality;
 use autoswing::calibration::{
     AttitudeEnvelope, AttitudeLatency, Method, MotorCurrentInterference, Orientation, Quality,
 };
@@ -31,15 +32,10 @@ pub(crate) fn calibration_record(serial: u32) -> CalibrationRecord {
     calibration.b_ut = [serial as f32, 2.0, 3.0];
     (calibration.inclination_rad, calibration.total_ut, calibration.latency_s) = (1.0, 48.0, -0.04);
     record.quality = Quality {
-        method: Method::MaximumLikelihood,
-        envelope: AttitudeEnvelope::Banked,
-        expected_rms_deg: 0.3,
         expected_worst_deg: 0.7,
-        norm_residual: 0.004,
-        inclination_residual_deg: 0.4,
         samples: u16::MAX,
         latency: Some(AttitudeLatency { estimate_s: -0.042, sigma_s: 0.006 }),
-        knows_inclination: true,
+        ..typical_quality(0.3)
     };
     record.sensor.address = 0x1E;
     record.uncertainty.relative_sensor_sigma = 0.002;

@@ -2,20 +2,12 @@
 
 use super::*;
 
-fn parameters(values: &[(&str, f64)]) -> ParameterHistory {
-    let mut parameters = ParameterHistory::default();
-    for &(name, value) in values {
-        parameters.set_value(0.0, name, value);
-    }
-    parameters
-}
-
 fn ardupilot_correction(values: &[(&str, f64)], compass_number: u8) -> InvertibleCorrection {
-    InvertibleCorrection::from_ardupilot_parameters(&parameters(values), 0.0, compass_number)
+    InvertibleCorrection::from_ardupilot_parameters(&ParameterHistory::of_values(values), 0.0, compass_number)
 }
 
 fn px4_correction(values: &[(&str, f64)], index: u8) -> InvertibleCorrection {
-    InvertibleCorrection::from_px4_parameters(&parameters(values), 0.0, index)
+    InvertibleCorrection::from_px4_parameters(&ParameterHistory::of_values(values), 0.0, index)
 }
 
 #[test]
@@ -62,9 +54,9 @@ fn a_missing_parameter_has_its_default() {
     let matrix = ardupilot_correction(&configured, 1).correction.matrix;
     let expected = Matrix3::new(1.1, 0.05, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0, 0.9);
     assert!((matrix - expected).norm() < 1e-9, "{matrix}");
-    let missing = missing_parameters_of_slot(&parameters(&configured), 1);
+    let missing = missing_parameters_of_slot(&ParameterHistory::of_values(&configured), 1);
     assert_eq!(missing, ["COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_DIA_Y", "COMPASS_ODI_Y", "COMPASS_ODI_Z"]);
-    assert!(missing_parameters_of_slot(&parameters(&configured), 2).is_empty());
+    assert!(missing_parameters_of_slot(&ParameterHistory::of_values(&configured), 2).is_empty());
 }
 
 #[test]

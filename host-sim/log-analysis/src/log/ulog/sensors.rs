@@ -43,10 +43,8 @@ mod tests {
     /// A device without parameters must not get those of another, and both topics of a device mean one compass.
     #[test]
     fn every_device_id_is_a_separate_compass() {
-        let mut parameters = ParameterHistory::default();
-        for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG2_ID", 0.0)] {
-            parameters.set_value(0.0, name, id);
-        }
+        let parameters =
+            ParameterHistory::of_values(&[("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG2_ID", 0.0)]);
         let mut sensors = CompassAssignment::default();
         let mut index = |instance, id| sensors.compass_index(&parameters, instance, id);
         assert_eq!(index(0, 9), Some(2));
@@ -59,10 +57,8 @@ mod tests {
     /// Old logs report no device id.
     #[test]
     fn a_device_without_id_is_the_primary_compass() {
-        let mut parameters = ParameterHistory::default();
-        for (name, id) in [("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG_PRIME", 8.0)] {
-            parameters.set_value(0.0, name, id);
-        }
+        let parameters =
+            ParameterHistory::of_values(&[("CAL_MAG0_ID", 7.0), ("CAL_MAG1_ID", 8.0), ("CAL_MAG_PRIME", 8.0)]);
         assert_eq!(CompassAssignment::default().compass_index(&parameters, 0, 0), Some(1));
         let mut sensors = CompassAssignment::default();
         let indices: Vec<_> =

@@ -5,7 +5,6 @@ use super::*;
 use crate::log;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
-use crate::replay::build_rows;
 use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
 use crate::test_flight::record_turns;
 
@@ -79,23 +78,5 @@ fn a_pair_of_motors_is_named_if_it_is_clearly_the_best() {
         let loads = loads_of(&encode_dataflash(&recording));
         let [load] = loads.as_slice() else { panic!("{loads:?}") };
         assert!(load.to_string().starts_with(name), "{load}");
-    }
-}
-
-/// Both right motors of an X frame, and an output without a role.
-#[test]
-fn motors_are_named_by_their_side() {
-    let mut flight = log::read_flight(&mut encode_dataflash(&TURNS).as_slice(), FieldUnit::Milligauss).unwrap();
-    for (name, value) in [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0)] {
-        flight.parameters.set_value(0.0, name, value);
-    }
-    for (output, motor) in [(1, 1.0), (2, 2.0), (3, 3.0), (4, 4.0)] {
-        flight.parameters.set_value(0.0, &format!("SERVO{output}_FUNCTION"), 32.0 + motor);
-    }
-    let (rows, _) = build_rows(&flight, &flight.compasses[0], 0.0, None);
-    let names: Vec<String> =
-        load_candidates(&flight, &rows).iter().map(|candidate| load_name(&flight, &candidate.sources)).collect();
-    for name in ["right motors (outputs 1 and 4)", "left motor (output 3)"] {
-        assert!(names.iter().any(|found| found == name), "{name}: {names:?}");
     }
 }

@@ -1,37 +1,7 @@
 use testkit::random::Random;
 
 use super::*;
-use crate::log::LogFormat;
-use crate::test_flight::{body_rates_rad_s, flight_of_motion};
-
-/// 20 s at 10 Hz with a bank and a turn rate in the eleventh second, degrees. Zero rates would count as missing.
-fn heading_integral(bank_deg: f32, turn_deg_s: f32) -> NoseHeadings {
-    let flight = flight_of_motion(10.0, 200, |t_s| {
-        let is_eleventh_second = (10.0..11.0).contains(&t_s);
-        let [roll, turn] =
-            [bank_deg, turn_deg_s].map(|angle| 0.001 + if is_eleventh_second { angle.to_radians() } else { 0.0 });
-        ([roll, 0.0, 0.0], [0.0, 0.0, turn])
-    });
-    NoseHeadings::from_flight(&flight).unwrap()
-}
-
-/// The time margin before and after must be straight too; beyond the ends of the data this is unknown.
-#[test]
-fn straight_is_neither_banked_nor_turning() {
-    for (name, heading_integral, is_straight) in [
-        ("level", heading_integral(0.0, 0.0), true),
-        ("in a gust", heading_integral(5.0, 2.0), true),
-        ("slipping", heading_integral(15.0, 0.0), false),
-        ("turning flat", heading_integral(0.0, 20.0), false),
-    ] {
-        let times_s =
-            [(5.0, true), (8.5, false), (9.0, false), (10.5, false), (12.0, false), (12.5, false), (15.0, true)];
-        for (t_s, is_far) in times_s {
-            assert_eq!(heading_integral.is_straight(t_s), is_straight || is_far, "{name} at {t_s}");
-        }
-        assert!(!heading_integral.is_straight(1.0) && !heading_integral.is_straight(19.0), "{name}");
-    }
-}
+use crate::test_flight::flight_of_motion;
 
 /// One velocity in eight is a climb at two thirds of the airspeed, of zero weight. Of 700 velocities with noise of 0.3 m/s
 /// a component of the wind has a sigma of 0.016 m/s.
@@ -53,28 +23,6 @@ fn velocities_with_climbs(noise_m_s: f32) -> Vec<GroundVelocity> {
         GroundVelocity { t_s: f64::from(i), velocity_m_s: air + noise + Vector2::new(3.0, -5.0) }
     };
     (0..800).map(velocity_at).collect()
-}
-
-/// A third of a circle.
-#[test]
-fn the_initial_fit_is_exact_without_noise() {
-    let velocities = velocities_at_headings(20.0, 0.0, 1.0, circle_headings(20));
-    let circle = VelocityCircle::initial_fit(&velocities).unwrap();
-    assert!((circle.wind_m_s - CIRCLE.wind_m_s).norm() < 1e-9 && (circle.radius_m_s - 20.0).abs() < 1e-9, "{circle:?}");
-}
-
-/// A wind that is uncertain by 1 m/s across an air velocity of 20 m/s, and a sideslip of 1.5 deg: 2.86 and 1.5 deg.
-#[test]
-fn the_sigma_of_a_heading_is_that_of_wind_and_sideslip() {
-    let course = GpsCourseHeading {
-        wind_m_s: CIRCLE.wind_m_s.into(),
-        wind_sigma_m_s: 1.0,
-        airspeed_m_s: 20.0,
-        scatter_m_s: 0.2,
-        widest_gap_deg: 120.0,
-        heading: Series::new(),
-    };
-    assert!((course.sigma_deg() - 3.23).abs() < 0.01, "{}", course.sigma_deg());
 }
 
 /// Velocities at given headings, `interval_s` apart, in a wind that drifts east.
@@ -177,47 +125,11 @@ fn a_flight_without_a_heading_by_gps_course_is_rejected_with_its_reason() {
     }
 }
 
-/// A heading rate that is linear in time, at a bank and a pitch, at irregular intervals: the trapezoidal rule is exact.
-#[test]
-fn the_heading_is_integrated_from_the_rates_of_a_banked_aircraft() {
-    let mut flight = LoggedFlight::new(LogFormat::ULog);
-    let (roll_rad, pitch_rad) = (0.5, -0.2);
-    let time_s = |i: u32| f64::from(i) * 0.1 + f64::from(i % 3) * 0.03;
-    let heading_at_rad = |t_s: f64| 0.1 * t_s + 0.02 * t_s * t_s;
-    for i in 0..100 {
-        let turn_rad_s = 0.1 + 0.04 * time_s(i);
-        flight.attitude.push_row(time_s(i), [roll_rad as f32, pitch_rad as f32, f32::NAN]);
-        let rates_rad_s =
-            body_rates_rad_s(&Vector3::new(roll_rad, pitch_rad, 0.0), &Vector3::new(0.0, 0.0, turn_rad_s));
-        flight.body_rates.push_row(time_s(i), rates_rad_s.map(|rate| rate as f32));
-    }
-    let heading_integral = NoseHeadings::from_flight(&flight).unwrap();
-    assert_eq!(heading_integral.banked_times_s.len(), 100);
-    for i in 0..99 {
-        let integrated_rad = heading_integral.integrated_heading_rad(time_s(i)).unwrap();
-        assert!((integrated_rad - heading_at_rad(time_s(i))).abs() < 1e-5, "{i}: {integrated_rad}");
-        let [before_rad, after_rad] = [i, i + 1].map(|i| heading_at_rad(time_s(i)));
-        let between_s = 0.75 * time_s(i) + 0.25 * time_s(i + 1);
-        let integrated_rad = heading_integral.integrated_heading_rad(between_s).unwrap();
-        assert!((integrated_rad - 0.75 * before_rad - 0.25 * after_rad).abs() < 1e-5, "{i}: {integrated_rad}");
-    }
-    assert_eq!(heading_integral.integrated_heading_rad(-0.1), None);
-    assert_eq!(heading_integral.integrated_heading_rad(10.0), None);
-}
-
 /// Three legs, 120 deg apart.
 const ALL_ROUND_LEGS: [(f64, u16); 3] = [(2.0, 10), (122.0, 10), (242.0, 10)];
 
 fn full_circles(drift_m_s: f64) -> Vec<GroundVelocity> {
     velocities_at_headings(20.0, drift_m_s, 1.0, circle_headings(1200))
-}
-
-#[test]
-fn the_scatter_of_straight_flight_is_its_rms_distance_from_the_circle() {
-    let circle = VelocityCircle { radius_m_s: 19.8, ..CIRCLE };
-    let straight = velocities_on_legs(&ALL_ROUND_LEGS);
-    let course = GpsCourseHeading::from_fitted_circle(&circle, &full_circles(0.0), &straight);
-    assert!(course.is_ok_and(|course| (course.scatter_m_s - 0.2).abs() < 1e-9));
 }
 
 /// Taxiing and hover are far slower than cruise.
@@ -269,38 +181,4 @@ fn a_drifting_wind_is_uncertain() {
         let course = GpsCourseHeading::from_fitted_circle(&CIRCLE, &fitted, &velocities_on_legs(&ALL_ROUND_LEGS));
         assert_eq!(course.err(), (!is_certain).then_some(GpsCourseRejection::UncertainWind), "{drift_m_s}");
     }
-}
-
-/// Whole turns in gaps are not counted, and a course that turns by 3 deg/s need not be a turn of the aircraft.
-#[test]
-fn the_gyro_heading_must_follow_the_course() {
-    // The nose turns by a share of 6 deg between velocities, and by an angle after a minute.
-    let nose = |share: f64, points: &[GroundVelocity], turned_rad: f64| {
-        let step_rad = 6_f64.to_radians() * share;
-        let at = |(i, v): (usize, &GroundVelocity)| {
-            (v.t_s, i as f64 * step_rad + if v.t_s > 60.0 { turned_rad } else { 0.0 })
-        };
-        let integral = HeadingIntegral::from_points(points.iter().enumerate().map(at), MAX_GAP_S);
-        NoseHeadings { integral, banked_times_s: Vec::new() }
-    };
-    let velocities = velocities_at_headings(20.0, 0.0, 0.5, circle_headings(240));
-    let slow = velocities_at_headings(20.0, 0.0, 0.5, (0..240).map(|i| f64::from(i) * 1.5));
-    let mut with_gap = velocities.clone();
-    with_gap[120..].iter_mut().for_each(|v| v.t_s += 20.0);
-    let mut legs = with_gap.clone();
-    for (i, leg) in legs.iter_mut().enumerate() {
-        leg.velocity_m_s = velocities[usize::from(i >= 120)].velocity_m_s;
-    }
-    for (name, share, flown, turned_rad, is_followed) in [
-        ("as the course", 1.0, &velocities, 0.0, true),
-        ("half as far", 0.5, &velocities, 0.0, false),
-        ("in the opposite sense", -1.0, &velocities, 0.0, false),
-        ("in a slow turn of the course", -0.25, &slow, 0.0, true),
-        ("in a gap", 0.0, &legs, 9.0, true),
-    ] {
-        let found = nose(share, flown, turned_rad).nose_turns_with_velocity(flown, &CIRCLE);
-        assert_eq!(found, is_followed, "the nose turns {name}");
-    }
-    let integral = nose(1.0, &with_gap, 0.0);
-    assert!(integral.integrated_heading_rad(75.0).is_none() && integral.integrated_heading_rad(30.1).is_some());
 }

@@ -1,7 +1,5 @@
 //! Unit tests of `hard_iron_changes`.
 
-use testkit::random::Random;
-
 use super::*;
 use crate::replay::tests::compass_of_flown_turns;
 use crate::test_flight::{HORIZONTAL_FIELD_UT, SOFT_IRON};
@@ -57,93 +55,6 @@ fn steps_of_hard_iron_are_found_with_their_effect_on_headings() {
 #[test]
 fn a_step_of_the_strength_of_the_earths_field_is_none_of_hard_iron() {
     assert_changes(&changes_by_steps(false, &[(120.0, [50.0, -20.0, 30.0])]), &[], "62 uT");
-}
-
-/// Time, size and noise of a step that the flown turns contain, and the step that an estimate claims.
-struct Claim {
-    at_s: f64,
-    actual_ut: [f32; 3],
-    claimed_ut: [f64; 3],
-    sigma_ut: f64,
-    noise_ut: f32,
-}
-
-impl Claim {
-    fn exact(at_s: f64, actual_ut: [f32; 3], noise_ut: f32) -> Self {
-        Self { at_s, actual_ut, claimed_ut: actual_ut.map(f64::from), sigma_ut: 0.05, noise_ut }
-    }
-
-    fn is_confirmed(&self) -> bool {
-        let (_, mut compass) = compass_of_flown_turns();
-        let mut random = Random(1);
-        for row in &mut compass.rows {
-            let step_ut = if row.t_s < self.at_s { Vector3::zeros() } else { self.actual_ut.into() };
-            row.raw_field.ut += step_ut + Vector3::from_fn(|_, _| random.normal() * self.noise_ut);
-        }
-        let parts = split_at_times(&compass.rows, [self.at_s].into_iter());
-        let parts = [parts[0], parts[1]];
-        let hard_iron_step = HardIronStep { time_s: self.at_s, step_ut: self.claimed_ut, sigma_ut: [self.sigma_ut; 3] };
-        confirmed_heading_effect_deg(&hard_iron_step, parts, &parts.map(solve_all_rows)).is_some()
-    }
-}
-
-/// Before and after the better observed part of the flight. Noise of 1.5 uT is as large as the part of a step of 3 uT
-/// that strength and vertical component show.
-#[test]
-fn a_step_is_confirmed_by_the_residuals_that_it_halves() {
-    for at_s in [60.0, 180.0] {
-        let claim = || Claim::exact(at_s, [6.0, -4.0, 3.0], 0.0);
-        for (name, claim, is_confirmed) in [
-            ("exact", claim(), true),
-            ("no step", Claim { actual_ut: [0.0; 3], ..claim() }, false),
-            ("of the opposite sign", Claim { claimed_ut: [-6.0, 4.0, -3.0], ..claim() }, false),
-            ("insignificant", Claim { sigma_ut: 1.2, ..claim() }, false),
-        ] {
-            assert_eq!(claim.is_confirmed(), is_confirmed, "{name} at {at_s} s");
-        }
-    }
-    let is_confirmed = |noise_ut: f32| Claim::exact(60.0, [2.0, -1.8, 1.5], noise_ut).is_confirmed();
-    assert!(is_confirmed(0.3) && !is_confirmed(1.5));
-}
-
-fn change_at(time_s: f64, step_ut: [f64; 3]) -> LoggedHardIronChange {
-    let hard_iron_step = HardIronStep { time_s, step_ut, sigma_ut: [0.1; 3] };
-    LoggedHardIronChange { hard_iron_step, heading_effect_deg: 5.0 }
-}
-
-#[test]
-fn a_temporary_change_ends_with_the_last_change() {
-    let changes =
-        [change_at(50.0, [1.0, 2.0, 3.0]), change_at(100.0, [4.0, 0.0, 1.0]), change_at(140.0, [-3.8, 0.2, -1.0])];
-    assert_eq!(temporary_change_start_s(&changes), Some(100.0));
-    assert_eq!(temporary_change_start_s(&changes[..2]), None);
-    assert_eq!(temporary_change_start_s(&changes[..1]), None);
-    assert_eq!(temporary_change_start_s(&[changes[1], changes[2], changes[0]]), None);
-}
-
-#[test]
-fn a_step_near_a_jump_and_of_its_size_is_the_same_change() {
-    let jump = change_at(100.0, [4.0, -2.0, 4.0]).hard_iron_step;
-    for (time_s, step_ut, is_same) in [
-        (101.0, [4.5, -2.0, 3.5], true),
-        (99.0, [4.0, -2.0, 4.0], true),
-        (103.0, [4.0, -2.0, 4.0], false),
-        (97.0, [4.0, -2.0, 4.0], false),
-        (100.0, [-4.0, 2.0, -4.0], false),
-    ] {
-        assert_eq!(is_same_change(&change_at(time_s, step_ut).hard_iron_step, &jump), is_same, "{time_s} {step_ut:?}");
-    }
-}
-
-/// Components with sigmas of 0.36, 0.27 and 0.16 uT, as estimated from noise of 0.5 uT in a simulated flight.
-#[test]
-fn only_a_significant_horizontal_change_affects_headings() {
-    let sigma_ut = Vector3::new(0.36, 0.27, 0.16);
-    let effect_deg = |x, y, z| heading_effect_deg(&Vector3::new(x, y, z), &sigma_ut, 25.0);
-    assert!(effect_deg(-0.7, -3.5, -4.9).is_some_and(|deg| (deg - 8.1).abs() < 0.1), "eight sigmas, mostly vertical");
-    assert_eq!(effect_deg(1.6, 1.2, 4.9), None, "four sigmas across the heading");
-    assert_eq!(effect_deg(0.2, 0.3, 9.0), None, "vertical");
-    assert_eq!(heading_effect_deg(&Vector3::new(0.4, 0.0, 0.0), &(sigma_ut / 100.0), 25.0), None, "0.9 deg");
 }
 
 /// A copter turns for half a minute, then stands on one heading, where strength and inclination leave the horizontal

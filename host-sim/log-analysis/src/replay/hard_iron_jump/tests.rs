@@ -1,7 +1,6 @@
 //! Unit tests of `hard_iron_jump`.
 
-use autoswing::frames::{Field, Level, RollPitch};
-use nalgebra::Matrix3;
+use autoswing::frames::{Field, RollPitch};
 use testkit::random::Random;
 
 use super::*;
@@ -150,37 +149,6 @@ fn a_jump_that_the_autopilot_mostly_compensates_is_not_reported() {
     }
 }
 
-/// The trapezoidal rule is exact for a heading rate that is linear in time. Errors are those of `f32` fields.
-#[test]
-fn levelled_fields_do_not_turn_with_the_heading() {
-    let row_at = |i: u16| {
-        let t_s = f64::from(i) * 0.1 + f64::from(i % 3) * 0.03;
-        let (heading_rad, turn_rad_s) = (0.3 * t_s + 0.01 * t_s * t_s, 0.3 + 0.02 * t_s);
-        (row_in_turn(t_s, RollPitch::from_deg(25.0, -10.0), heading_rad as f32, turn_rad_s as f32), heading_rad)
-    };
-    let (rows, headings_rad): (Vec<ReplayRow>, Vec<f64>) = (0..200).map(row_at).unzip();
-    let search = JumpSearch::new(&rows, &FieldCorrection::identity());
-    for (i, heading_rad) in headings_rad.into_iter().enumerate() {
-        let earth = Field::<Level>::earth_field(STRENGTH_UT, INCLINATION_DEG.to_radians(), 0.0).ut;
-        let off_ut = search.rotations[i] * search.fields[i] - earth.map(f64::from);
-        assert!(off_ut.norm() < 1e-4, "{i}: {off_ut}");
-        assert!((search.rotation_sum_rad[i] - heading_rad).abs() < 1e-5, "{i}: {}", search.rotation_sum_rad[i]);
-    }
-}
-
-/// Noise of 3 uT scatters the difference of two medians of ten rows by 1.7 uT in each component: its 90 % quantile is
-/// 4.2 uT, the limit 13 uT.
-#[test]
-fn a_jump_must_exceed_the_noise_of_the_flight() {
-    let noisy_rows = || turning_rows(20.0, 3.0, |_| 10.0);
-    let steps_ut = |y_ut: f32| jumps_found_in(&add_iron(noisy_rows(), |t_s| if t_s >= 100.0 { y_ut } else { 0.0 }));
-    assert_eq!(steps_ut(8.0), []);
-    let [found] = steps_ut(20.0)[..] else { panic!("{:?}", steps_ut(20.0)) };
-    // Five standard deviations.
-    assert!((found.time_s - 100.0).abs() < 0.5 && (found.step_ut[1] - 20.0).abs() < 8.5, "{found:?}");
-    assert!(found.sigma_ut.iter().all(|sigma_ut| (1.4..2.2).contains(sigma_ut)), "{found:?}");
-}
-
 /// Iron that changes by 0.4 uT/s during 40 s is no jump; fields beyond it fit no longer, so that neither do jumps there,
 /// nor a jump before it if most of the rows beyond are changed.
 #[test]
@@ -195,18 +163,4 @@ fn no_jump_is_reported_beyond_a_change_that_was_missed() {
         let found_s: Vec<f64> = jumps_found_in(&rows).iter().map(|step| step.time_s.round()).collect();
         assert_eq!(found_s, expected_s, "drift from {drift_s} s, jumps at {jumps_s:?}");
     }
-}
-
-#[test]
-fn a_jump_of_the_raw_field_is_found_by_a_correction_of_any_shape() {
-    let soft_iron = Matrix3::new(1.2, 0.1, -0.05, -0.08, 0.8, 0.1, 0.05, -0.1, 1.1);
-    let hard_iron_ut = Vector3::new(20.0, -10.0, 15.0);
-    let mut rows = turning_rows(20.0, 0.3, |_| 10.0);
-    for row in &mut rows {
-        row.raw_field.ut = soft_iron * row.raw_field.ut + hard_iron_ut;
-    }
-    let rows = add_iron(rows, |t_s| if t_s >= 100.0 { 6.0 } else { 0.0 });
-    let matrix = soft_iron.map(f64::from).try_inverse().unwrap();
-    let correction = FieldCorrection::without_current(matrix, hard_iron_ut.map(f64::from));
-    assert_steps(&jumps_by_correction(correction, [0.0, 60.0], &rows), &[(100.0, 6.0)], "soft iron");
 }

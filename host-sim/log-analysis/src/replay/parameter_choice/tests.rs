@@ -1,7 +1,7 @@
 //! Choice and score of parameters: on flown turns, and on candidates with single properties.
 
 use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse, Orientation};
-use autoswing::frames::{Field, Level, RollPitch};
+use autoswing::frames::Field;
 
 use nalgebra::Matrix3;
 
@@ -103,30 +103,6 @@ fn uncertain_parameters_are_refused_with_the_cause() {
         let found = refusal.map(|refusal| format!("{} {refusal}", refusal.stable_code())).unwrap_or_default();
         assert!(found.contains(expected) && found.is_empty() == expected.is_empty(), "{expected}: {found}");
     }
-}
-
-/// A fifth of the rows has a field stronger by 2 %, a fifth a weaker one; others have an inclination off by 0.02 rad.
-#[test]
-fn the_scatter_of_strength_and_inclination_is_expressed_as_heading_error() {
-    let rows: Vec<ReplayRow> = (0..100_u16)
-        .map(|i| {
-            let attitude = RollPitch::from_deg(f32::from(i) - 50.0, f32::from(i % 7) * 5.0 - 15.0);
-            let [stronger, steeper] = match i % 5 {
-                0 => [0.02, 0.0],
-                1 => [-0.02, 0.0],
-                2 => [0.0, 0.02],
-                3 => [0.0, -0.02],
-                _ => [0.0; 2],
-            };
-            let field = Field::<Level>::earth_field(50.0 * (1.0 + stronger), 1.0 + steeper, f32::from(i));
-            ReplayRow { attitude, raw_field: Field::new(attitude.to_body_frame(field).ut), ..level_row(0.0, 0.0) }
-        })
-        .collect();
-    let scatter = heading_scatter(&rows, &|row| row.raw_field.ut.map(f64::from));
-    let expected_deg = (0.02 * (2_f64 / 5.0).sqrt()).to_degrees() / libm::cos(1.0);
-    assert!(scatter.iter().all(|rms_deg| (rms_deg / expected_deg - 1.0).abs() < 1e-3), "{scatter:?} {expected_deg}");
-    let rms_deg = rms_deg_by_scatter(&rows, &|row| row.raw_field.ut.map(f64::from));
-    assert!((rms_deg / expected_deg - 1.0).abs() < 1e-3, "{rms_deg}");
 }
 
 /// The hard iron differs between the halves, and each half's parameters have that of the other. The logged field is off

@@ -30,24 +30,6 @@ fn set_coefficients(calibration: &mut Calibration, matrix: &Matrix3<f64>, hard_i
     calibration.b_ut = hard_iron_ut.map(|axis| axis as f32).into();
 }
 
-/// ArduPilot's limit is 1800 mG or `COMPASS_OFFS_MAX`.
-#[test]
-fn offsets_beyond_ardupilots_limit_are_detected() {
-    for (format, parameters, offset_mg, is_exceeded) in [
-        (ParameterFormat::ArduPilot, &[][..], 1700.0, false),
-        (ParameterFormat::ArduPilot, &[], 1900.0, true),
-        (ParameterFormat::ArduPilot, &[("COMPASS_OFFS_MAX", 2000.0)], 1900.0, false),
-        (ParameterFormat::ArduPilot, &[("COMPASS_OFFS_MAX", 1000.0)], 1100.0, true),
-        (ParameterFormat::Px4, &[], 1900.0, false),
-        (ParameterFormat::Inav, &[], 1900.0, false),
-    ] {
-        let hard_iron_ut = Vector3::new(offset_mg / 10.0, 0.0, 0.0);
-        let export = export_of(FieldCorrection { hard_iron_ut, ..FieldCorrection::identity() });
-        let limit_mg = export.offset_limit_mg_if_exceeded(&flight_with_parameters(format, parameters), format);
-        assert_eq!(limit_mg.is_some(), is_exceeded, "{format:?} {parameters:?} {offset_mg}");
-    }
-}
-
 /// Turns at one bank leave a scale and an offset along z that cancel each other there. The sensor is turned by
 /// 1.5, -2 and 4 deg; the best symmetric matrix has 2.0 deg RMS over banks to 45 deg, that of the flown rows alone 5.9.
 #[test]

@@ -35,16 +35,6 @@ fn missing_parameters_are_reported() {
     assert_eq!(warnings_without(&["COMPASS_OFS_Y"]), [missing]);
 }
 
-/// Below 3 Hz.
-#[test]
-fn a_slow_attitude_is_reported() {
-    for (attitude_interval_s, is_reported) in [(0.4, true), (0.2, false)] {
-        let (flight, evaluation) = FLOWN_TURNS.clone();
-        let texts = warnings_of_flight(&flight, &FlightEvaluation { attitude_interval_s, ..evaluation });
-        assert_eq!(texts.iter().any(|text| text.contains("attitude is logged 2.5 times a second")), is_reported);
-    }
-}
-
 /// Three compasses of which the last is in use, and half of the usable rows without a heading that the module sends.
 fn evaluation_of_three() -> (LoggedFlight, FlightEvaluation) {
     let (mut flight, compass) = compass_of_flown_turns();

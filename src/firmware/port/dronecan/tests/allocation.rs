@@ -99,17 +99,6 @@ impl AllocationBus {
     }
 }
 
-/// The random delays are up to 1.0, 0.4 and 0.4 s.
-#[test]
-fn a_number_is_allocated_within_two_seconds() {
-    for first_id_byte in 0..50 {
-        let mut bus = AllocationBus::new(&[first_id_byte]);
-        let ms = bus.run_until_allocated(5000).expect("a number");
-        assert!((600..2000).contains(&ms), "{ms} ms");
-        assert_eq!(bus.node_numbers(), [Some(125)]);
-    }
-}
-
 /// After a collision both modules start their exchanges again.
 #[test]
 fn two_modules_on_one_bus_get_different_numbers() {

@@ -1,7 +1,8 @@
 //! Progress and reports of collections.
 
 use super::*;
-use autoswing::calibration::{AttitudeEnvelope, Method, Orientation, Quality};
+use crate::synthetic::typical_quality;
+use autoswing::calibration::Orientation;
 use autoswing_module::messages::ExpectedAccuracy;
 
 const REPORT_ID: u8 = 192;
@@ -33,18 +34,7 @@ impl MavlinkBench {
     /// Reports a successful solve, whose calibration becomes active.
     fn complete_solve(&mut self, found: &(Calibration, HeadingUncertainty)) {
         self.calibration = Some(*found);
-        let quality = Quality {
-            method: Method::MaximumLikelihood,
-            envelope: AttitudeEnvelope::Banked,
-            expected_rms_deg: 0.3,
-            expected_worst_deg: 0.7,
-            norm_residual: 0.004,
-            inclination_residual_deg: 0.4,
-            samples: u16::MAX,
-            latency: None,
-            knows_inclination: true,
-        };
-        let verdict = ExpectedAccuracy::new(quality, &found.0);
+        let verdict = ExpectedAccuracy::new(typical_quality(0.3), &found.0);
         self.mavlink.queue_text(&Notice::Solved(Ok(verdict)));
         self.run_with_indicator_state(IndicatorState::Calibrated);
     }

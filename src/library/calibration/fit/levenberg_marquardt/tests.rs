@@ -5,7 +5,6 @@ use nalgebra::{Matrix3, Vector3};
 use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{ModelConfig, ModelParameters};
-use crate::calibration::tests::is_close;
 use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns, random_vector, turn_samples};
 use crate::calibration::{Prior, Sample};
 use crate::frames::{Field, RollPitch};
@@ -164,18 +163,4 @@ fn the_last_pass_and_few_samples_rotate_equations() {
     let few_samples = turn_samples(&recorded.left[..30], &recorded.right[..30]);
     let likelihood = Likelihood::new(&Prior::default(), ModelConfig::DEFAULT, few_samples, 50.0);
     assert!(!likelihood.uses_normal_equations);
-}
-
-#[test]
-fn normal_equations_agree_with_rotations() {
-    let (_, recorded) = flight(3);
-    let Refinement { mut likelihood, unknowns, .. } = refinement(&recorded, true);
-    likelihood.sample_stride = 1;
-    let [summed, exact] = [true, false].map(|sums_up| {
-        likelihood.uses_normal_equations = sums_up;
-        LinearisedProblem::linearise(&likelihood, recorded.turns(), &unknowns)
-    });
-    assert!(is_close(summed.cost, exact.cost) && summed.sample_count == exact.sample_count);
-    let (found, expected) = (summed.step_to_maximum().unwrap(), exact.step_to_maximum().unwrap());
-    assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
 }

@@ -1,9 +1,8 @@
-use nalgebra::{Vector1, Vector3};
+use nalgebra::Vector1;
 
 use super::*;
 use crate::calibration::hypotheses::score_test::ScoreTest;
-use crate::calibration::model::JacobianRow;
-use crate::calibration::tests::{ZERO_ROW, constant_equation, is_close};
+use crate::calibration::tests::{constant_equation, is_close};
 
 /// Inclination residuals with their derivatives by roll and by the bank-angle scale error. The nuisance
 /// parameters explain a part of information and gradient, which is subtracted.
@@ -37,14 +36,6 @@ fn estimate_equals_hand_calculation() {
     assert!(is_close(found.missing_bank_share, (gradient - 7.0 + noise) / bank_information), "{found:?}");
     assert!(is_close(found.variance, (information - 150.0) * 1.5 / (bank_information * bank_information)), "{found:?}");
     assert!(is_close(found.finding(0.0).unwrap().estimate, found.missing_bank_share));
-}
-
-#[test]
-fn the_estimate_adds_to_the_assumed_sigma_in_quadrature() {
-    // Information 1e4: an estimate of 0.1 with variance 1e-4.
-    let found = estimate(&[(constant_equation(1e4, -0.1), [0.0, 1.0])], 0.0, 0.0, 0.0, 1.0).unwrap();
-    let allowed = found.finding(0.01).unwrap().allowed_sigma(0.01);
-    assert!((allowed - (0.01_f32.powi(2) + 0.1_f32.powi(2)).sqrt()).abs() < 1e-5);
 }
 
 #[test]
@@ -104,39 +95,6 @@ fn clusters(contributions: impl Iterator<Item = (usize, f32)>) -> ClusterVarianc
         clusters.add_sample_score(part, &equations, 1.0, &column);
     }
     clusters
-}
-
-/// The incomplete last cluster of a part counts, too.
-#[test]
-fn twelve_samples_form_a_cluster() {
-    // Cluster sums of the scores: 12, -12, 12 and 12 in the first part, 6 in the second.
-    let first = (0..48).map(|i| (0, if (12..24).contains(&i) { -1.0 } else { 1.0 }));
-    let second = (0..6).map(|_| (1, 1.0));
-    let interleaved = first.zip(second.map(Some).chain(core::iter::repeat(None)));
-    let found = clusters(interleaved.flat_map(|(a, b)| core::iter::once(a).chain(b))).variance();
-    let sums = [12.0, -12.0, 12.0, 12.0, 6.0_f32];
-    let mean = sums.iter().sum::<f32>() / 5.0;
-    let expected = sums.iter().map(|s| (s - mean) * (s - mean)).sum::<f32>() * 5.0 / 4.0;
-    assert!(is_close(found, expected), "{found} {expected}");
-    assert!(!clusters((0..5).map(|_| (0, 1.0))).variance().is_finite());
-}
-
-#[test]
-fn score_contributions_exclude_the_nuisance_parameters() {
-    let row = JacobianRow { derivative_by_field: Vector3::x() * 3.0, centred_field: Vector3::z(), ..ZERO_ROW };
-    let column = Vector13::ith(2, 0.5);
-    let equations = SampleEquations {
-        norm_equation: ResidualEquation::new(row, 0.1, 1.0 / 10.0, 1e6),
-        inclination_equation: Some(ResidualEquation::new(row, -0.2, 1.0 / 4.0, 1e6)),
-        heading_equation: None,
-        inclination_derivatives_by_attitude: [0.0, 0.0],
-    };
-    let mut clusters = ClusterVariance::default();
-    clusters.add_sample_score(0, &equations, 2.0, &column);
-    let (sum, samples) = clusters.open_clusters[0];
-    assert!(is_close(sum, 10.0 * 0.1 * -1.5 + 4.0 * -0.2 * (2.0 - 1.5)) && samples == 1, "{sum}");
-    clusters.add_sample_score(PART_COUNT, &equations, 2.0, &column);
-    assert_eq!(clusters.open_clusters.iter().map(|open| open.1).sum::<u8>(), 1);
 }
 
 #[test]
