@@ -44,7 +44,7 @@ use autoswing::heading::{Heading, NoHeading};
 use autoswing::time::Timestamp;
 use autoswing_module::compass::{AutopilotAction, Command, IndicatorState};
 use autoswing_module::messages::{Message as Notice, Refusal};
-use autoswing_module::settings::{HeadingKind, SigningKey};
+use autoswing_module::settings::SigningKey;
 use collection::CollectionReporter;
 use commands::CommandHandler;
 use component::{ComponentClaim, LISTENING_COMPONENT};
@@ -88,8 +88,6 @@ pub struct Mavlink {
     collection_reporter: CollectionReporter,
     pose_schedule: MessageSchedule,
     heading_reset: HeadingReset,
-    /// Count of the calibration for which a smoothed heading has been available.
-    smoothed_calibration: Option<u8>,
     heartbeat_schedule: MessageSchedule,
     heading_schedule: MessageSchedule,
     attitude_schedule: MessageSchedule,
@@ -266,12 +264,7 @@ impl Mavlink {
         if !line.has_room_for_bulk() {
             return false;
         }
-        let calibration_count = self.collection_reporter.calibration_count();
-        if snapshot.estimate.smoothed_heading.is_some() {
-            self.smoothed_calibration = Some(calibration_count);
-        }
-        let is_smoothed = self.smoothed_calibration == Some(calibration_count);
-        let pose = current_pose(snapshot, is_smoothed, calibration_count);
+        let pose = current_pose(snapshot, self.collection_reporter.calibration_count());
         if let Some(autopilot) = self.autopilot_parameters.autopilot()
             && self.heading_reset.send_due_command(snapshot.now, autopilot, is_armed, pose.as_ref(), line)
         {
@@ -411,18 +404,14 @@ const fn progress_percent(indicator_state: IndicatorState) -> u8 {
 }
 
 /// Pose, if enabled, the declination known and the heading valid, with roll and pitch of the same instant. The heading is
-/// the selected one. Once there is a smoothed one, no raw heading takes its place: it is missing where the raw one
-/// disagrees with the body rates, and ArduPilot's filter follows a ramp of iron within seconds.
-fn current_pose(snapshot: &Snapshot<'_>, is_smoothed: bool, reset_counter: u8) -> Option<Pose> {
+/// the raw one, because the autopilot smooths it by its own gyro: after iron moved by 10 uT within 10 s, EKF3 is half as
+/// far off as by the smoothed one.
+fn current_pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
     let Snapshot { estimate, settings, .. } = *snapshot;
     if !settings.sends_vision_yaw {
         return None;
     }
-    let raw = estimate.heading.ok()?;
-    let heading = match settings.stream_heading {
-        HeadingKind::Smooth if is_smoothed => estimate.smoothed_heading?,
-        _ => raw,
-    };
+    let heading = estimate.heading.ok()?;
     let (declination_deg, attitude) = (settings.declination_deg?, estimate.attitude?);
     Some(Pose {
         timestamp: estimate.timestamp,

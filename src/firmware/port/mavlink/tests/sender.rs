@@ -81,9 +81,9 @@ fn bench_with_heading() -> MavlinkBench {
     bench
 }
 
-/// True heading: 10 deg magnetic, variation 20 deg west. 10 Hz from estimates at 100 Hz.
+/// True heading: 99 deg magnetic, variation 20 deg west. 10 Hz from estimates at 100 Hz.
 #[test]
-fn a_pose_contains_the_smoothed_true_heading_and_attitude() {
+fn a_pose_contains_the_raw_true_heading_and_attitude() {
     let mut bench = bench_with_heading();
     bench.run_ms(1_000);
     let poses = bench.take_messages(102);
@@ -92,32 +92,15 @@ fn a_pose_contains_the_smoothed_true_heading_and_attitude() {
         assert_eq!(pose.payload[..8], 3_599_990_000_u64.to_le_bytes());
         assert_eq!(pose.payload[8..20], [0; 12]);
         assert_eq!((pose.float_at(20), pose.float_at(24)), (0.3, -0.1));
-        assert!((pose.float_at(28).to_degrees() + 10.0).abs() < 1e-4, "{}", pose.float_at(28));
+        assert!((pose.float_at(28).to_degrees() - 79.0).abs() < 1e-4, "{}", pose.float_at(28));
         // ArduPilot reads the covariance only if its first element is a number, and takes the root of the sum of the
         // angles' variances (GCS_Common.cpp, handle_common_vision_position_estimate_data).
         let variance = |index: usize| pose.float_at(32 + 4 * index);
         assert!(variance(0) > 1e5, "the position is unknown");
         let angle_error_deg = (variance(15) + variance(18) + variance(20)).sqrt().to_degrees();
-        assert!((angle_error_deg - 2.0).abs() < 1e-4, "{angle_error_deg}");
+        assert!((angle_error_deg - 9.0).abs() < 1e-4, "{angle_error_deg}");
         assert_eq!(pose.payload[116], 0);
     }
-}
-
-/// Raw until the first smoothed heading, or if it is selected; where the smoothed one is missing later, none.
-#[test]
-fn a_raw_heading_does_not_take_the_place_of_a_smoothed_one() {
-    let mut bench = bench_with_heading();
-    let sent_deg = |bench: &mut MavlinkBench, smoothed: Option<f32>| {
-        bench.estimate.smoothed_heading = smoothed.map(|deg| heading(deg, 2.0));
-        bench.run_ms(1_000);
-        bench.take_messages(102).last().map(|pose| pose.float_at(28).to_degrees().round())
-    };
-    assert_eq!(
-        [None, Some(10.0), None].map(|smoothed| sent_deg(&mut bench, smoothed)),
-        [Some(79.0), Some(-10.0), None]
-    );
-    bench.settings.stream_heading = HeadingKind::Raw;
-    assert_eq!(sent_deg(&mut bench, Some(10.0)), Some(79.0));
 }
 
 /// A ground station joins the chunks, of which only the last one is not full; others show each as a line.
