@@ -404,8 +404,7 @@ const fn progress_percent(indicator_state: IndicatorState) -> u8 {
 }
 
 /// Pose, if enabled, the declination known and the heading valid, with roll and pitch of the same instant. The heading is
-/// the raw one, because the autopilot smooths it by its own gyro: after iron moved by 10 uT within 10 s, EKF3 is half as
-/// far off as by the smoothed one.
+/// the raw one: the autopilot smooths it by its own gyro, and EKF3's error after a change of iron is the same by either.
 fn current_pose(snapshot: &Snapshot<'_>, reset_counter: u8) -> Option<Pose> {
     let Snapshot { estimate, settings, .. } = *snapshot;
     if !settings.sends_vision_yaw {
