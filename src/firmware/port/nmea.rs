@@ -69,3 +69,42 @@ fn append_own_attitude(snapshot: &Snapshot<'_>, heading: Option<Heading>, out: &
         nmea::pashr_sentence(true_heading_deg, attitude, sigmas_rad, heading.map(|heading| heading.sigma_deg()));
     out.append_message(&[rot.as_deref().unwrap_or_default(), &nmea::xdr_sentence(attitude), &pashr]);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::snapshot::tests::test_snapshot;
+    use autoswing::attitude::EulerRates;
+    use autoswing::frames::RollPitch;
+    use autoswing::instrument::Estimate;
+    use autoswing::time::Timestamp;
+    use autoswing_module::settings::Settings;
+
+    /// Roll 3 deg to starboard, nose 4.5 deg down, a turn of 2 deg/s to port.
+    #[test]
+    fn the_own_attitude_is_sent_ten_times_a_second() {
+        let estimate = Estimate {
+            heading: Ok(Heading { magnetic_rad: 1.765_2, sigma_rad: 0.009_6, systematic_variance_rad2: 0.0 }),
+            attitude: Some(RollPitch::from_deg(3.0, -4.5)),
+            tilt_sigmas_rad: Some([0.009, 0.007]),
+            euler_rates: Some(EulerRates { heading_rad_s: -2_f32.to_radians(), ..EulerRates::default() }),
+            ..Estimate::EMPTY
+        };
+        let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
+        let settings = Settings { stream_rate_hz: 20, declination_deg: Some(-3.5), ..Settings::DEFAULT };
+        let mut texts = (0..2).map(|i| {
+            let estimate = Estimate { timestamp: Timestamp::from_us(1_000_000 + 50_000 * i), ..estimate };
+            nmea.poll(&test_snapshot(&estimate, &settings), &mut out);
+            let text = String::from_utf8(out.pending_bytes().to_vec()).unwrap();
+            out.consume_bytes(usize::MAX);
+            text
+        });
+        let text = texts.next().unwrap();
+        for body in
+            ["$HCROT,-120.0,A*", "$HCXDR,A,-4.5,D,PTCH,A,3.0,D,ROLL*", "$PASHR,,097.6,T,3.0,-4.5,,0.5,0.4,0.6,0,1*"]
+        {
+            assert!(text.contains(body), "{text}");
+        }
+        assert_eq!(texts.next().unwrap().lines().count(), 4);
+    }
+}

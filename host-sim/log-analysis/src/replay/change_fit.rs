@@ -464,11 +464,9 @@ impl ChangeFit {
 
 /// Adds the square of derivatives, many of them zero, to the lower triangle.
 fn add_square(normal: &mut SMatrix<f64, UNKNOWNS, UNKNOWNS>, derivatives: &SVector<f64, UNKNOWNS>, weight: f64) {
-    let derivatives = derivatives.as_slice();
-    for (i, column) in normal.as_mut_slice().chunks_exact_mut(UNKNOWNS).enumerate() {
-        let weighted = weight * derivatives[i];
-        if weighted != 0.0 {
-            column[i..].iter_mut().zip(&derivatives[i..]).for_each(|(sum, derivative)| *sum += weighted * derivative);
+    for (column, derivative) in derivatives.iter().enumerate().filter(|(_, derivative)| **derivative != 0.0) {
+        for row in column..UNKNOWNS {
+            normal[(row, column)] += weight * derivative * derivatives[row];
         }
     }
 }

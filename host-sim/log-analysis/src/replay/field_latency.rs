@@ -84,6 +84,15 @@ mod tests {
     use crate::log::log_writers::encode_ulog;
     use crate::test_flight::record_turns;
 
+    /// An estimate at a bound is no minimum.
+    #[test]
+    fn a_field_latency_is_accepted_if_certain_and_within_bounds() {
+        assert_eq!(latency_if_precise(0.1, 0.01), Some(FieldLatency { used_s: 0.1, sigma_s: Some(0.01) }));
+        for (latency_s, sigma_s) in [(0.1, 0.04), (0.1, f64::NAN), (MIN_LATENCY_S, 0.001), (MAX_LATENCY_S, 0.001)] {
+            assert_eq!(latency_if_precise(latency_s, sigma_s), None, "{latency_s} {sigma_s}");
+        }
+    }
+
     /// Standard deviations of 1 and 3 ms: weights 9 to 1.
     #[test]
     fn a_compass_without_an_estimate_gets_the_mean_field_latency() {

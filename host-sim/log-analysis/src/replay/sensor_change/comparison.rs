@@ -256,7 +256,7 @@ fn is_balanced(rows: &[FitRow], fit: &ChangeFit) -> bool {
 }
 
 /// The change by a hypothesis, unless too small or that of a stuck axis.
-fn kind_of(hypothesis: Hypothesis, factors: &Vector3<f64>) -> Option<SensorChangeKind> {
+pub(super) fn kind_of(hypothesis: Hypothesis, factors: &Vector3<f64>) -> Option<SensorChangeKind> {
     let is_gain = factors.iter().all(|factor| (MAX_FACTOR.recip()..MAX_FACTOR).contains(&factor.abs()));
     let exceeds = |factor: f64, least: f64| (factor - 1.0).abs() >= least;
     let kind = match hypothesis {

@@ -4,10 +4,12 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 
+use super::comparison::kind_of;
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
 use crate::log::read_flight;
+use crate::replay::change_fit::Hypothesis;
 use crate::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
 use crate::replay::tests::compass_of_flown_turns;
 use crate::test_flight::record_turns;
@@ -109,6 +111,29 @@ fn a_change_that_a_single_heading_does_not_determine_is_no_change_of_the_sensor(
     for change in [iron(214.0, [6.0, 0.0, 0.0]), iron(214.0, [0.0, 0.0, 6.0]), gain(214.0, 1.02)] {
         change.assert_found(None);
     }
+}
+
+#[test]
+fn small_and_infinite_gains_are_no_changes() {
+    let axis = Hypothesis::AxisGain(1);
+    for (hypothesis, factors, is_change) in [
+        (Hypothesis::Gain, [1.03; 3], true),
+        (Hypothesis::Gain, [1.01; 3], false),
+        (axis, [1.0, 0.9, 1.0], true),
+        (axis, [1.0, 0.97, 1.0], false),
+        (axis, [1.0, 1e3, 1.0], false),
+        (axis, [1.0, 1e-3, 1.0], false),
+        (Hypothesis::Registers, [0.8, 1.0, 1.0], true),
+        (Hypothesis::Registers, [0.9, 1.1, 1.0], false),
+        (Hypothesis::Registers, [0.8, 1.0, 1e3], false),
+        (Hypothesis::HardIron, [1.0; 3], false),
+    ] {
+        let kind = kind_of(hypothesis, &Vector3::from(factors));
+        assert_eq!(kind.is_some(), is_change, "{hypothesis:?} {factors:?}: {kind:?}");
+    }
+    let reversed = |factor: f64| kind_of(axis, &Vector3::new(1.0, factor, 1.0));
+    assert_eq!(reversed(-1.1), Some(SensorChangeKind::AxisSign { axis: 1 }));
+    assert_eq!(reversed(-0.5), Some(SensorChangeKind::AxisGain { axis: 1, factor: -0.5 }));
 }
 
 /// An axis that is constant has no gain; another warning names it.

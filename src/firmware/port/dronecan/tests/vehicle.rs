@@ -51,11 +51,19 @@ fn the_current_is_that_of_the_first_battery() {
 
 const AUTOPILOT: [u8; 2] = [1, 1];
 
-fn tunnel_transfer(transfer_id: u8, data: &[u8]) -> OutboundTransfer {
+fn attitude_frame(roll_rad: f32) -> Vec<u8> {
+    mavlink_attitude(AUTOPILOT, 77, [roll_rad, 0.0, 0.0, 0.1, 0.0, 0.0])
+}
+
+fn heartbeat_frame(is_armed: bool) -> Vec<u8> {
+    mavlink_heartbeat(AUTOPILOT, true, is_armed)
+}
+
+fn tunnel_transfer(transfer_id: u8, target: u8, serial: i8, data: &[u8]) -> OutboundTransfer {
     let piece = Targetted {
         protocol: Targetted::MAVLINK_2_PROTOCOL,
-        target: OWN_NODE,
-        serial_line: 0,
+        target,
+        serial_line: serial,
         tunnel_options: 1,
         baud: 57_600,
         serial_bytes: data,
@@ -63,17 +71,58 @@ fn tunnel_transfer(transfer_id: u8, data: &[u8]) -> OutboundTransfer {
     transfer_from_peer(DataType::TARGETTED, transfer_id, &piece.payload())
 }
 
+fn received_rolls_rad(bench: &Bench) -> Vec<f32> {
+    let roll = |message: &ReceivedMessage| match message {
+        ReceivedMessage::Attitude(report) => Some(report.attitude.roll_rad),
+        _ => None,
+    };
+    bench.delivered.iter().filter_map(roll).collect()
+}
+
+/// The stream is split within a frame, and each piece is received twice.
+#[test]
+fn mavlink_is_received_through_the_tunnel() {
+    let mut bench = Bench::new();
+    let stream = [heartbeat_frame(true), attitude_frame(0.1), attitude_frame(0.2)].concat();
+    let (first, second) = stream.split_at(50);
+    for (transfer_id, data) in [(0, first), (0, first), (1, second), (1, second)] {
+        bench.deliver_transfer(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 0, data));
+    }
+    assert_eq!(received_rolls_rad(&bench), [0.1, 0.2]);
+    assert_eq!(bench.node.is_armed(bench.now()), Some(true));
+}
+
+/// Requests, heartbeats and headings are sent to the serial line that the autopilot uses, and nothing while it is
+/// silent.
+#[test]
+fn mavlink_is_sent_through_the_tunnel() {
+    let mut bench = Bench::new();
+    assert!(bench.sent_in_ms(DataType::TARGETTED, 2000).is_empty());
+    let mut bytes = Vec::new();
+    for transfer_id in 0..20 {
+        bench.deliver_transfer(PEER_NODE, &tunnel_transfer(transfer_id, OWN_NODE, 3, &heartbeat_frame(false)));
+        for sent in bench.sent_in_ms(DataType::TARGETTED, 500) {
+            // Protocol, target and serial line, options, baud rate.
+            assert_eq!(sent.payload[..6], [1, PEER_NODE << 1, 0x30, 0x00, 0xE1, 0x00], "{sent:?}");
+            bytes.extend_from_slice(&sent.payload[6..]);
+        }
+    }
+    let starts = bytes.windows(10).filter(|window| window[0] == 0xFD && window[5..7] == [1, 158]).count();
+    assert!(starts > 100, "{starts} messages of component 158");
+    bench.run_ms(3100);
+    assert!(bench.sent_in_ms(DataType::TARGETTED, 5000).is_empty(), "the autopilot is silent");
+}
+
 /// SYS_STATUS with 5 A at byte 16.
 #[test]
 fn a_battery_replaces_the_current_of_the_tunnel() {
     let status = mavlink_v2_frame(AUTOPILOT, 1, 124, &[&[0; 16][..], &500_i16.to_le_bytes()].concat());
     let mut bench = Bench::new();
-    let attitude = mavlink_attitude(AUTOPILOT, 77, [0.1, 0.0, 0.0, 0.1, 0.0, 0.0]);
-    let stream = [mavlink_heartbeat(AUTOPILOT, true, false), attitude, status.clone()].concat();
-    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(0, &stream));
+    let stream = [heartbeat_frame(false), attitude_frame(0.1), status.clone()].concat();
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(0, OWN_NODE, 0, &stream));
     assert!(bench.delivered.contains(&ReceivedMessage::Current(5.0)), "{:?}", bench.delivered);
     bench.deliver_transfer(20, &battery_transfer(0, 12.5));
     bench.delivered.clear();
-    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(1, &status));
+    bench.deliver_transfer(PEER_NODE, &tunnel_transfer(1, OWN_NODE, 0, &status));
     assert_eq!(bench.delivered, []);
 }
