@@ -124,7 +124,7 @@ settings! {
     "COMPONENT" 24, stored 32: component: u8 = 158, Whole 25 to 250 "in MAVLink";
         "component": "MAVLink component of the module";
     // Nodes 126 and 127 are for tools.
-    "CAN_NODE" 0, stored 25: can_node: u8 = 0, Whole 0 to 125 "by command";
+    "CAN_NODE" 0, stored 25: can_node: u8 = 0, Whole 0 to 125 "on the bus";
         "can-node": "number on the CAN bus, after a restart; 0: by allocation", shown "can" "node ";
     // Autopilots drop a compass after 500 ms of silence.
     "CAN_RATE" 1, stored 26: can_rate_hz: u8 = 50, Whole 5 to 80 "Hz";
@@ -245,7 +245,7 @@ pub struct SettingChange {
 }
 
 impl SettingChange {
-    /// Change of the setting with this parameter name; `None` if there is no such one, or for a value of another kind.
+    /// Change of the setting with this parameter name; `None` if no setting has it, or if the value is of another kind.
     #[must_use]
     pub fn named(parameter_name: &str, value: SettingValue) -> Option<Self> {
         Setting::from_parameter_name(parameter_name.as_bytes())?.change_to(value)

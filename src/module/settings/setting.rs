@@ -258,8 +258,8 @@ impl<S: Copy + Default> SettingRow<S> {
         }
     }
 
-    /// Word with this index that commands accept as the value, and that value. One word is the factory setting, if no
-    /// choice has a name.
+    /// Word with this index that commands accept as the value, and that value: the names of a choice; of any other
+    /// setting one word, for the factory setting.
     #[must_use]
     pub fn nth_word(&self, index: usize) -> Option<(&'static str, SettingValue)> {
         let word = match (self.field)(&mut S::default()) {

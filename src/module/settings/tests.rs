@@ -124,7 +124,7 @@ fn numbers_convert_to_values_of_the_setting_s_kind() {
 #[test]
 fn a_refusal_names_the_range() {
     for (name, value, refusal) in [
-        ("CAN_NODE", SettingValue::Whole(126), "can-node is 0 to 125 by command"),
+        ("CAN_NODE", SettingValue::Whole(126), "can-node is 0 to 125 on the bus"),
         ("GYRO_ERROR", SettingValue::Number(Some(0.0)), "gyro-error is 0.1 to 20 %"),
         ("INCLINATION", SettingValue::Number(Some(-91.0)), "inclination is -90 to 90 deg"),
     ] {

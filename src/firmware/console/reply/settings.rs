@@ -27,15 +27,16 @@ pub(super) fn setting_lines() -> impl Iterator<Item = &'static str> {
 pub(super) fn write_setting_line(
     out: &mut impl Write,
     line: &str,
-    separator: &str,
+    mut separator: &str,
     report: &StatusReport,
 ) -> fmt::Result {
     out.write_str(line)?;
-    let settings = SETTINGS.iter().filter(|setting| setting.status_texts[0] == line);
-    settings.zip(core::iter::once(separator).chain(core::iter::repeat(", "))).try_for_each(|(setting, separator)| {
+    for setting in SETTINGS.iter().filter(|setting| setting.status_texts[0] == line) {
         write!(out, "{separator}{}", setting.status_texts[1])?;
-        write_setting_value(out, setting, report)
-    })
+        write_setting_value(out, setting, report)?;
+        separator = ", ";
+    }
+    Ok(())
 }
 
 fn write_setting_value(out: &mut impl Write, setting: &Setting, report: &StatusReport) -> fmt::Result {
