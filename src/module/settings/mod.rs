@@ -17,13 +17,13 @@ pub use setting::{Choice, DependentState, Field, SettingRow, SettingValue, Signi
 /// Row of the table of [`Settings`].
 pub type Setting = SettingRow<Settings>;
 
-/// Declares [`Settings`] and [`SETTINGS`]. A row: name and position as a parameter (none: `""`), tag of the stored
-/// field, field, factory setting, kind of value; of a number its range and unit, of an angle that of the field model;
-/// word of the command `set` (none: `""`), help; line of `status all` if it is not the word, text before the value;
-/// state that depends on the setting.
+/// Declares [`Settings`] and [`SETTINGS`]. A row: name as a parameter (none: `""`), tag of the stored field, field,
+/// factory setting, kind of value; of a number its range and unit, of an angle that of the field model; word of the
+/// command `set` (none: `""`), help; line of `status all` if it is not the word, text before the value; state that
+/// depends on the setting.
 macro_rules! settings {
     ($($(#[$description:meta])*
-       $name:literal $index:literal, stored $tag:literal: $field:ident: $type:ty = $default:expr, $kind:ident
+       $name:literal stored $tag:literal: $field:ident: $type:ty = $default:expr, $kind:ident
        $($least:literal to $most:literal $unit:literal)? $(, model $model:expr)?;
        $word:literal: $help:literal $(, shown $line:literal $label:literal)? $(, used by $dependent:ident)?;)*) => {
         /// User settings.
@@ -40,16 +40,14 @@ macro_rules! settings {
         }
 
         /// All settings, in the order of `help`.
-        pub static SETTINGS: [Setting; [$($index),*].len()] = [$(SettingRow {
+        pub static SETTINGS: [Setting; [$($tag),*].len()] = [$(SettingRow {
             parameter_name: $name,
-            parameter_index: $index,
             stored_tag: $tag,
             field: |settings| Field::$kind(&mut settings.$field),
             command_word: $word,
             help_text: $help,
             status_texts: [$([$line, $label],)? [$word, ""]][0],
             range: [$([$least as f32, $most as f32],)? [0.0; 2]][0],
-            range_text: concat!($($least, " to ", $most, " ", $unit)?),
             unit: concat!($($unit)?),
             refusal_text: [
                 $(concat!($word, " is ", $least, " to ", $most, " ", $unit),)?
@@ -61,80 +59,81 @@ macro_rules! settings {
     };
 }
 
-// `set align` is a command of its own. The rate of headings, and of the field, is at most the measurement rate.
+// The rates of headings and of the field are at most the measurement rate. A setting that is no parameter, which a
+// command of its own sets, is last.
 settings! {
-    "STREAM" 17, stored 7: stream_on: bool = true, Choice;
+    "STREAM" stored 7: stream_on: bool = true, Choice;
         "stream": "send heading sentences";
     // Autopilots expect a compass at 10 Hz.
-    "STREAM_RATE" 18, stored 8: stream_rate_hz: u8 = 10, Whole 1 to 80 "Hz";
+    "STREAM_RATE" stored 8: stream_rate_hz: u8 = 10, Whole 1 to 80 "Hz";
         "stream-rate": "sentences per second", shown "stream" "";
-    "STREAM_HEADING" 19, stored 12: stream_heading: HeadingKind = HeadingKind::Smooth, Choice;
+    "STREAM_HEADING" stored 12: stream_heading: HeadingKind = HeadingKind::Smooth, Choice;
         "heading": "heading sent: smoothed by the body rates, or raw for an autopilot with its own filter",
         shown "stream" "heading ";
-    "DECLINATION" 5, stored 4: declination_deg: Option<f32> = None,
+    "DECLINATION" stored 4: declination_deg: Option<f32> = None,
         Angle -180 to 180 "deg", model |field: &EarthField| field.declination_deg;
         "declination": "declination, east positive; none: by the field model";
-    "MOUNT" 7, stored 9: mount: Orientation = Orientation::IDENTITY_ROTATION, Choice;
-        "mount": "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
-        used by Calibration;
-    "INCLINATION" 6, stored 5: inclination_deg: Option<f32> = None,
+    "INCLINATION" stored 5: inclination_deg: Option<f32> = None,
         Angle -90 to 90 "deg", model |field: &EarthField| Some(field.inclination_deg);
         "inclination": "inclination of the local field, positive down; none: by model or samples",
         used by Solve;
-    /// Heading offset, degrees: yaw mounting angle of the attitude source, or of the sensor where the mounting is
-    /// unobservable.
-    "" 0, stored 6: align_deg: f32 = 0.0, Number -180 to 180 "deg";
-        "": "", shown "mount" "align ";
+    "MOUNT" stored 9: mount: Orientation = Orientation::IDENTITY_ROTATION, Choice;
+        "mount": "orientation of the sensor: rotated from the vehicle by yaw, then pitch, then roll",
+        used by Calibration;
     // A good, carefully levelled autopilot: the solver's default.
-    "ATT_ERROR_DEG" 8, stored 10: attitude_bias_deg: f32 = 0.2, Number 0 to 5 "deg";
+    "ATT_ERROR_DEG" stored 10: attitude_bias_deg: f32 = 0.2, Number 0 to 5 "deg";
         "attitude-error": "constant attitude error of a flight, 1 sigma", used by Solve;
-    "ATT_ERROR_BANK" 9, stored 11: bank_scale_error_percent: f32 = 1.0, Number 0 to 20 "% of bank";
+    "ATT_ERROR_BANK" stored 11: bank_scale_error_percent: f32 = 1.0, Number 0 to 20 "% of bank";
         "bank-error": "scale error of the bank angle in turns, 1 sigma", shown "attitude-error" "", used by Solve;
     // Up to the largest error that the monitor estimates; the defaults are those of the monitor.
-    "GYRO_ERROR" 20, stored 28: gyro_error_percent: f32 = 2.0, Number 0.1 to 20 "%";
+    "GYRO_ERROR" stored 28: gyro_error_percent: f32 = 2.0, Number 0.1 to 20 "%";
         "gyro-error": "expected scale error of the gyro, 1 sigma";
-    "IRON_DRIFT" 21, stored 29: iron_drift_percent: f32 = 0.25, Number 0.05 to 5 "% of the field a minute";
+    "IRON_DRIFT" stored 29: iron_drift_percent: f32 = 0.25, Number 0.05 to 5 "% of the field a minute";
         "iron-drift": "expected drift of the hard iron, 1 sigma";
     // From the accuracy of the best compasses to the largest accepted expected error. 0.5 deg requires a whole routine:
     // of copters that stopped at 0.7 deg, after the first tilts, one in six had over three times the expected error.
-    "ACCURACY" 4, stored 13: accuracy_deg: f32 = 0.5, Number 0.2 to 3 "deg";
+    "ACCURACY" stored 13: accuracy_deg: f32 = 0.5, Number 0.2 to 3 "deg";
         "accuracy": "expected error at which a collection in flight ends";
-    "AUTO" 3, stored 14: auto_on: bool = true, Choice;
+    "AUTO" stored 14: auto_on: bool = true, Choice;
         "auto": "collect automatically while uncalibrated, as soon as the autopilot is armed", used by AutomaticStart;
-    "PORT1" 13, stored 15: port1_protocol: ProtocolKind = ProtocolKind::Auto, Choice;
+    "PORT1" stored 15: port1_protocol: ProtocolKind = ProtocolKind::Auto, Choice;
         "port1": "protocol of the first port; auto: as the autopilot";
     // To instruments.
-    "PORT2" 14, stored 17: port2_protocol: ProtocolKind = ProtocolKind::Nmea, Choice;
+    "PORT2" stored 17: port2_protocol: ProtocolKind = ProtocolKind::Nmea, Choice;
         "port2": "protocol of the second port; auto: as the autopilot";
-    "BAUD1" 15, stored 16: port1_baud: BaudRate = BaudRate::B115200, Choice;
+    "BAUD1" stored 16: port1_baud: BaudRate = BaudRate::B115200, Choice;
         "baud1": "baud rate of the first port", shown "port1" "baud ";
-    "BAUD2" 16, stored 18: port2_baud: BaudRate = BaudRate::B115200, Choice;
+    "BAUD2" stored 18: port2_baud: BaudRate = BaudRate::B115200, Choice;
         "baud2": "baud rate of the second port", shown "port2" "baud ";
-    "VISION" 11, stored 19: sends_vision_yaw: bool = false, Choice;
+    "VISION" stored 19: sends_vision_yaw: bool = false, Choice;
         "vision": "send true yaw to a MAVLink autopilot; needs a declination";
-    "ATTITUDE" 23, stored 31: attitude_source: AttitudeSource = AttitudeSource::Autopilot, Choice;
+    "ATTITUDE" stored 31: attitude_source: AttitudeSource = AttitudeSource::Autopilot, Choice;
         "attitude": "whose roll and pitch; auto: own body rates, and all own without an autopilot",
         shown "attitude-source" "", used by Solve;
     // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
-    "ATTITUDE_RATE" 10, stored 23: attitude_rate_hz: u8 = 40, Whole 20 to 50 "Hz";
+    "ATTITUDE_RATE" stored 23: attitude_rate_hz: u8 = 40, Whole 20 to 50 "Hz";
         "attitude-rate": "highest rate of attitude that is requested by MAVLink";
-    "SIGNING" 12, stored 24: signing_key: Option<SigningKey> = None, Key;
+    "SIGNING" stored 24: signing_key: Option<SigningKey> = None, Key;
         "signing": "sign MAVLink frames, and reject others, with the key of a passphrase, one word";
     // MAV_COMP_ID_USER1 and above; 158 is MAV_COMP_ID_PERIPHERAL.
-    "COMPONENT" 24, stored 32: component: u8 = 158, Whole 25 to 250 "in MAVLink";
+    "COMPONENT" stored 32: component: u8 = 158, Whole 25 to 250 "in MAVLink";
         "component": "MAVLink component of the module";
     // Nodes 126 and 127 are for tools.
-    "CAN_NODE" 0, stored 25: can_node: u8 = 0, Whole 0 to 125 "on the bus";
+    "CAN_NODE" stored 25: can_node: u8 = 0, Whole 0 to 125 "on the bus";
         "can-node": "number on the CAN bus, after a restart; 0: by allocation", shown "can" "node ";
     // Autopilots drop a compass after 500 ms of silence.
-    "CAN_RATE" 1, stored 26: can_rate_hz: u8 = 50, Whole 5 to 80 "Hz";
+    "CAN_RATE" stored 26: can_rate_hz: u8 = 50, Whole 5 to 80 "Hz";
         "can-rate": "rate of the field on the CAN bus", shown "can" "";
     // In three frames instead of one.
-    "CAN_COVARIANCE" 2, stored 27: can_sends_covariance: bool = false, Choice;
+    "CAN_COVARIANCE" stored 27: can_sends_covariance: bool = false, Choice;
         "can-covariance": "send the field on the CAN bus with its covariance", shown "can" "covariance ";
-    "CAN_TERMINATE" 22, stored 30: can_is_terminated: bool = false, Choice;
+    "CAN_TERMINATE" stored 30: can_is_terminated: bool = false, Choice;
         "can-termination": "terminating resistor of the CAN bus, if the board has one",
         shown "can" "termination ";
+    /// Heading offset, degrees: yaw mounting angle of the attitude source, or of the sensor where the mounting is
+    /// unobservable.
+    "" stored 6: align_deg: f32 = 0.0, Number -180 to 180 "deg";
+        "": "", shown "mount" "align ";
 }
 
 setting::named_choices! {
@@ -146,6 +145,9 @@ setting::named_choices! {
         Smooth: "smooth",
     }
 }
+
+/// Settings that are parameters, in the order of their indices: all but the last.
+pub static PARAMETERS: &[Setting] = SETTINGS.split_at(SETTINGS.len() - 1).0;
 
 impl Default for Settings {
     fn default() -> Self {
@@ -212,20 +214,7 @@ impl Setting {
     /// Setting with this parameter name.
     #[must_use]
     pub fn from_parameter_name(parameter_name: &[u8]) -> Option<&'static Self> {
-        SETTINGS.iter().find(|setting| setting.is_parameter() && setting.parameter_name.as_bytes() == parameter_name)
-    }
-
-    /// Number of parameters: all settings but the alignment.
-    pub const PARAMETER_COUNT: u8 = SETTINGS.len() as u8 - 1;
-
-    /// Setting with this position as a parameter.
-    #[must_use]
-    pub fn nth_parameter(index: u8) -> Option<&'static Self> {
-        SETTINGS.iter().find(|setting| setting.is_parameter() && setting.parameter_index == index)
-    }
-
-    const fn is_parameter(&self) -> bool {
-        !self.parameter_name.is_empty()
+        PARAMETERS.iter().find(|setting| setting.parameter_name.as_bytes() == parameter_name)
     }
 
     /// Change to a value; `None` for a value of another kind, or of no choice. Ranges are checked when it is applied.
@@ -245,10 +234,10 @@ pub struct SettingChange {
 }
 
 impl SettingChange {
-    /// Change of the setting with this parameter name; `None` if no setting has it, or if the value is of another kind.
+    /// Change of the setting with this parameter name to a number; `None` if no such setting can have it.
     #[must_use]
-    pub fn named(parameter_name: &str, value: SettingValue) -> Option<Self> {
-        Setting::from_parameter_name(parameter_name.as_bytes())?.change_to(value)
+    pub fn named(parameter_name: &str, number: impl Into<Option<f32>>) -> Option<Self> {
+        Setting::from_parameter_name(parameter_name.as_bytes())?.change_to(SettingValue::Number(number.into()))
     }
 
     /// Whether a state depends on the setting. Calibrations come from solves.

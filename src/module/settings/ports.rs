@@ -61,12 +61,7 @@ impl BaudRate {
     /// Bits per second.
     #[must_use]
     pub const fn bits_per_s(self) -> u32 {
-        match self {
-            Self::B57600 => 57_600,
-            Self::B115200 => 115_200,
-            Self::B230400 => 230_400,
-            Self::B460800 => 460_800,
-        }
+        [57_600, 115_200, 230_400, 460_800][self as usize]
     }
 }
 

@@ -6,23 +6,19 @@ use serde::{Deserialize, Serialize};
 
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Orientation;
+use autoswing::decimal;
 use autoswing::earth::EarthField;
 
 /// Row of the table of settings; `S` is the structure that contains the values.
 pub struct SettingRow<S: 'static> {
     /// Name of the parameter, at most 16 characters; empty if the setting is not a parameter.
     pub parameter_name: &'static str,
-    /// Position of the parameter for protocols that read and write settings one by one. Tools refer to it, so that a
-    /// new parameter takes the next one.
-    pub parameter_index: u8,
     /// Tag of the stored field, never used again for another one.
     pub stored_tag: u8,
     /// Selects the field with the value.
     pub field: fn(&mut S) -> Field<'_>,
     /// Least and largest number, not of choices and keys.
     pub range: [f32; 2],
-    /// The range in words, with the unit.
-    pub range_text: &'static str,
     /// Unit of a number.
     pub unit: &'static str,
     /// Answer to a value out of the range.
@@ -34,7 +30,7 @@ pub struct SettingRow<S: 'static> {
     /// Description in `help`.
     pub help_text: &'static str,
     /// Line of `status all`, shared with other settings, and the text before the value. The line's place is that of its
-    /// last setting.
+    /// first setting.
     pub status_texts: [&'static str; 2],
     /// State that depends on the setting, beside the output of headings.
     pub dependent_state: DependentState,
@@ -160,9 +156,7 @@ pub enum DependentState {
 /// Value of a setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SettingValue {
-    /// Whole number; of a choice its position, or its name if that is a number.
-    Whole(u32),
-    /// Number; `None` if unset.
+    /// Number, of a choice its name if that is one, otherwise its position; `None` if unset.
     Number(Option<f32>),
     /// Key of MAVLink signatures.
     Key(Option<SigningKey>),
@@ -173,7 +167,6 @@ impl SettingValue {
     #[must_use]
     pub fn to_number(self) -> f32 {
         match self {
-            Self::Whole(number) => number as f32,
             Self::Number(number) => number.unwrap_or(f32::NAN),
             Self::Key(key) => f32::from(u8::from(key.is_some())),
         }
@@ -197,38 +190,28 @@ impl<S: Copy + Default> SettingRow<S> {
     pub fn value(&self, settings: &S) -> SettingValue {
         match (self.field)(&mut { *settings }) {
             Field::Choice(choice) => {
-                SettingValue::Whole(named_value(choice, choice.number()).map_or(INVALID_CHOICE, |(_, value)| value))
+                named_value(choice, choice.number()).map_or(SettingValue::Number(None), |(_, value)| value)
             }
-            Field::Whole(number) => SettingValue::Whole((*number).into()),
+            Field::Whole(number) => SettingValue::Number(Some((*number).into())),
             Field::Number(number) => SettingValue::Number(Some(*number)),
             Field::Angle(angle_deg) => SettingValue::Number(*angle_deg),
             Field::Key(key) => SettingValue::Key(*key),
         }
     }
 
-    /// Value of this setting's kind from a finite number; `None` for a fraction of a whole number, and for a key.
-    #[must_use]
-    pub fn number_value(&self, number: f32) -> Option<SettingValue> {
-        match self.value(&S::default()) {
-            SettingValue::Key(_) => None,
-            // The cast saturates, so that a negative number or a fraction differs from its whole number.
-            SettingValue::Whole(_) => {
-                Some(number as u32).filter(|whole| *whole as f32 - number == 0.0).map(SettingValue::Whole)
-            }
-            SettingValue::Number(_) => Some(SettingValue::Number(Some(number))),
-        }
-    }
-
     /// Sets the value, also one out of its range; returns whether the kind of setting can have it.
     pub(super) fn set_value(&self, settings: &mut S, value: SettingValue) -> bool {
         match ((self.field)(settings), value) {
-            (Field::Choice(choice), SettingValue::Whole(value)) => {
+            (Field::Choice(choice), value) => {
                 let number = named_values(choice).position(|(_, named)| named == value);
                 return number.inspect(|number| choice.set_number(*number as u8)).is_some();
             }
-            (Field::Whole(field), SettingValue::Whole(number @ 0..=255)) => *field = number as u8,
-            (Field::Number(field), SettingValue::Number(value)) => *field = value.unwrap_or(f32::NAN),
-            (Field::Angle(field), SettingValue::Number(value)) => *field = value,
+            // The cast saturates, so that a fraction or a number beyond the type differs from its whole number.
+            (Field::Whole(field), SettingValue::Number(Some(number))) if f32::from(number as u8) - number == 0.0 => {
+                *field = number as u8;
+            }
+            (Field::Number(field), SettingValue::Number(Some(number))) => *field = number,
+            (Field::Angle(field), SettingValue::Number(angle_deg)) => *field = angle_deg,
             (Field::Key(field), SettingValue::Key(key)) => *field = key,
             _ => return false,
         }
@@ -238,24 +221,22 @@ impl<S: Copy + Default> SettingRow<S> {
     /// Whether the value in these settings is within its range.
     #[must_use]
     pub fn is_valid(&self, settings: &S) -> bool {
-        let value = self.value(settings);
-        let is_within =
-            |[least, most]: [SettingValue; 2]| (least.to_number()..=most.to_number()).contains(&value.to_number());
-        value == SettingValue::Number(None) || self.value_range().is_none_or(is_within)
+        match ((self.field)(&mut { *settings }), self.value(settings)) {
+            (Field::Angle(None), _) | (_, SettingValue::Key(_)) => true,
+            (_, value) => {
+                let [least, most] = self.value_range();
+                (least..=most).contains(&value.to_number())
+            }
+        }
     }
 
-    /// Least and largest value; `None` of a key.
+    /// Least and largest number of the value.
     #[must_use]
-    pub fn value_range(&self) -> Option<[SettingValue; 2]> {
-        match (self.field)(&mut S::default()) {
-            Field::Choice(choice) => {
-                let mut values = named_values(choice).map(|(_, value)| SettingValue::Whole(value));
-                Some([values.next()?, values.last()?])
-            }
-            Field::Whole(_) => Some(self.range.map(|number| SettingValue::Whole(number as u32))),
-            Field::Number(_) | Field::Angle(_) => Some(self.range.map(|number| SettingValue::Number(Some(number)))),
-            Field::Key(_) => None,
-        }
+    pub fn value_range(&self) -> [f32; 2] {
+        let settings = &mut S::default();
+        let Field::Choice(choice) = (self.field)(settings) else { return self.range };
+        let mut values = named_values(choice).map(|(_, value)| value.to_number());
+        [values.next().unwrap_or_default(), values.last().unwrap_or_default()]
     }
 
     /// Word with this index that commands accept as the value, and that value: the names of a choice; of any other
@@ -263,10 +244,7 @@ impl<S: Copy + Default> SettingRow<S> {
     #[must_use]
     pub fn nth_word(&self, index: usize) -> Option<(&'static str, SettingValue)> {
         let word = match (self.field)(&mut S::default()) {
-            Field::Choice(choice) => {
-                let (name, value) = named_value(choice, u8::try_from(index).ok()?)?;
-                return Some((name, SettingValue::Whole(value)));
-            }
+            Field::Choice(choice) => return named_value(choice, u8::try_from(index).ok()?),
             Field::Whole(_) | Field::Number(_) => "default",
             Field::Angle(_) => "none",
             Field::Key(_) => "off",
@@ -275,17 +253,15 @@ impl<S: Copy + Default> SettingRow<S> {
     }
 }
 
-/// Value of a choice with an unknown number, beyond every range.
-const INVALID_CHOICE: u32 = u32::MAX;
-
 /// Names of a choice and their values, by number.
-fn named_values(choice: &dyn Choice) -> impl Iterator<Item = (&'static str, u32)> {
+fn named_values(choice: &dyn Choice) -> impl Iterator<Item = (&'static str, SettingValue)> {
     (0..u8::MAX).map_while(|number| named_value(choice, number))
 }
 
 /// Name of a choice with a number, and its value: the name as a number, or else the position.
-fn named_value(choice: &dyn Choice, number: u8) -> Option<(&'static str, u32)> {
-    choice.nth_name(number).map(|name| (name, name.parse().unwrap_or(number.into())))
+fn named_value(choice: &dyn Choice, number: u8) -> Option<(&'static str, SettingValue)> {
+    let name = choice.nth_name(number)?;
+    Some((name, SettingValue::Number(decimal::parse_decimal(name).or(Some(number.into())))))
 }
 
 impl<S> PartialEq for SettingRow<S> {

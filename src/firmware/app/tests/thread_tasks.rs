@@ -20,7 +20,6 @@ use autoswing::time::WrappingMillis;
 use autoswing_module::compass::{Command, IndicatorState, ModuleState, Reply};
 use autoswing_module::messages::SampleLoss;
 use autoswing_module::messages::{Message, Refusal, RefusalCause};
-use autoswing_module::settings::SettingValue::Whole;
 use autoswing_module::settings::{PortNumber, ProtocolKind, SettingChange, Settings};
 use autoswing_module::store::StoreError;
 
@@ -34,7 +33,7 @@ fn a_failed_save_is_reported_and_counted() {
     let mut bench = TaskBench::with_compass_and_flash(flash);
     assert_eq!(bench.links.event_counts().store_errors, 1, "of the load, once");
     assert_eq!(bench.links.console_messages.try_receive(), Ok(Message::StoreFailed(StoreError::Flash)));
-    let reply = bench.execute_command(Command::Set(SettingChange::named("STREAM_RATE", Whole(20)).unwrap()));
+    let reply = bench.execute_command(Command::Set(SettingChange::named("STREAM_RATE", 20.0).unwrap()));
     assert!(matches!(reply, Err(Refusal::Store(StoreError::Flash))), "{reply:?}");
     assert_eq!(bench.links.settings.try_get(), Some(Settings::DEFAULT));
     assert_eq!((bench.links.event_counts().saves, bench.links.event_counts().store_errors), (0, 2));

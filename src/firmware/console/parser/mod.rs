@@ -9,7 +9,7 @@ use super::command_table::{
 use super::line_editor::LINE_CAPACITY;
 use crate::console::wrapped_lines::WrappedLines;
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing::decimal;
+use autoswing::decimal::{self, ShortestDecimal};
 use autoswing_module::compass::Command;
 use autoswing_module::settings::{Field, Setting, SettingChange, SettingValue, Settings};
 
@@ -20,8 +20,8 @@ pub enum LineError {
     UnknownCommand {
         /// The known first word.
         first: Option<&'static str>,
-        /// The word that was probably meant.
-        nearest: Option<&'static str>,
+        /// The command that was probably meant.
+        nearest: Option<ConsoleCommand>,
     },
     /// Missing second word; contains the first.
     MissingWord(&'static str),
@@ -56,14 +56,19 @@ impl LineError {
 impl Display for LineError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::UnknownCommand { first, nearest: Some(nearest) } => {
-                let (first, space) = first.map_or(("", ""), |first| (first, " "));
-                write!(f, "unknown command; did you mean {first}{space}{nearest}?")
+            Self::UnknownCommand { nearest: Some(nearest), .. } => {
+                let [first, second] = nearest.words();
+                let space = if second.is_empty() { "" } else { " " };
+                write!(f, "unknown command; did you mean {first}{space}{second}?")
             }
             Self::UnknownCommand { first: None, .. } => f.write_str("unknown command; help lists all"),
             Self::UnknownCommand { first: Some(first), .. } | Self::MissingWord(first) => {
+                let nth_word = |number| ExpectedElement::SecondWord(first).nth_word(number);
+                if nth_word(MAX_LISTED_WORDS).is_some() {
+                    return write!(f, "after {first} expected a word that help {first} lists");
+                }
                 write!(f, "after {first} expected ")?;
-                write_list(f, &|number| ExpectedElement::SecondWord(first).nth_word(number), " or ")
+                write_list(f, &nth_word, " or ")
             }
             Self::MissingArgument(slot) => write!(f, "<{}> is missing; expected {slot}", slot.name()),
             Self::BadValue(slot) => write!(f, "expected {slot}"),
@@ -111,7 +116,8 @@ fn parse_words<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Res
 }
 
 fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Request, LineError> {
-    let mut command = find_command([first, ""]).ok_or_else(|| unknown_command(None, first))?;
+    let command = find_command([first, ""]).or_else(|| find_command(["set", first]));
+    let mut command = command.ok_or_else(|| unknown_command(None, first))?;
     if let Some(second) = words.next() {
         if !command.is_group() {
             return Err(LineError::UnexpectedArgument(command));
@@ -122,6 +128,9 @@ fn parse_help<'a>(first: &str, mut words: impl Iterator<Item = &'a str>) -> Resu
     if words.next().is_some() { Err(LineError::UnexpectedArgument(command)) } else { Ok(Request::Help(Some(command))) }
 }
 
+/// Largest number of second words that an error lists.
+const MAX_LISTED_WORDS: usize = 10;
+
 /// Longest word that is compared by its letters; no command is longer.
 const MAX_COMPARED_LETTERS: usize = 24;
 
@@ -129,11 +138,16 @@ const MAX_COMPARED_LETTERS: usize = 24;
 const MAX_LETTER_CHANGES: usize = 2;
 
 fn unknown_command(first: Option<&'static str>, typed: &str) -> LineError {
-    let words = (0..).map_while(|number| nth_command_word(first, number));
-    let near_words = words.filter_map(|word| Some((letter_changes(word, typed)?, word)));
-    let nearest = near_words.min_by_key(|(changes, _)| *changes);
-    let nearest = nearest.filter(|(changes, word)| *changes <= MAX_LETTER_CHANGES && 2 * changes < word.len());
-    LineError::UnknownCommand { first, nearest: nearest.map(|(_, word)| word) }
+    let near_commands = all_commands().filter_map(|command| {
+        let word = match (command.words(), first) {
+            ([word, ""] | [_, word], None) => word,
+            ([own_first, word], Some(first)) => (own_first == first && !word.is_empty()).then_some(word)?,
+        };
+        let changes = letter_changes(word, typed)?;
+        (changes <= MAX_LETTER_CHANGES && 2 * changes < word.len()).then_some((changes, command))
+    });
+    let nearest = near_commands.min_by_key(|(changes, _)| *changes);
+    LineError::UnknownCommand { first, nearest: nearest.map(|(_, command)| command) }
 }
 
 /// Number of letters to insert, delete or replace (Levenshtein distance), without regard to case; none if a word is too
@@ -218,15 +232,15 @@ fn parse_value(argument: CommandArgument, typed: &str) -> Option<ArgumentValue> 
 }
 
 /// Parses a value that is not one of the setting's words.
-fn parse_setting_value(setting: &Setting, typed: &str) -> Option<SettingValue> {
-    match (setting.field)(&mut { Settings::DEFAULT }) {
-        Field::Choice(_) => None,
-        Field::Whole(_) => typed.parse::<u8>().ok().map(|number| SettingValue::Whole(number.into())),
-        Field::Number(_) | Field::Angle(_) => {
-            decimal::parse_decimal(typed).map(|number| SettingValue::Number(Some(number)))
+fn parse_setting_value(setting: &'static Setting, typed: &str) -> Option<SettingValue> {
+    let value = match (setting.field)(&mut { Settings::DEFAULT }) {
+        Field::Choice(_) => return None,
+        Field::Whole(_) | Field::Number(_) | Field::Angle(_) => {
+            SettingValue::Number(Some(decimal::parse_decimal(typed)?))
         }
-        Field::Key(_) => Some(SettingValue::Key(Some(key_from_passphrase(typed)))),
-    }
+        Field::Key(_) => SettingValue::Key(Some(key_from_passphrase(typed))),
+    };
+    setting.change_to(value).map(|change| change.value)
 }
 
 /// Syntax element expected next in a line.
@@ -353,17 +367,22 @@ impl Display for ConsoleCommand {
 
 impl Display for CommandArgument {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (number, range) = match self {
-            Self::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }) => ("a number", "0 to 360 deg"),
-            Self::Own(_) => return write_list(f, &|number| self.nth_word(number), " or "),
+        let write_words = |f: &mut _| write_list(f, &|number| self.nth_word(number), " or ");
+        match self {
+            Self::Own(ArgumentSpec { argument_kind: ArgumentKind::Heading(_), .. }) => {
+                f.write_str("a number, 0 to 360 deg")?;
+            }
+            Self::Own(_) => return write_words(f),
             Self::Setting(setting) => match (setting.field)(&mut { Settings::DEFAULT }) {
-                Field::Choice(_) => return write_list(f, &|number| self.nth_word(number), " or "),
-                Field::Key(_) => ("one word", "upper and lower case differ, such as Heron-4711"),
-                Field::Whole(_) => ("a whole number", setting.range_text),
-                Field::Number(_) | Field::Angle(_) => ("a number", setting.range_text),
+                Field::Choice(_) => return write_words(f),
+                Field::Key(_) => f.write_str("one word, upper and lower case differ, such as Heron-4711")?,
+                field @ (Field::Whole(_) | Field::Number(_) | Field::Angle(_)) => {
+                    let whole = if let Field::Whole(_) = field { "whole " } else { "" };
+                    let [least, most] = setting.range.map(|number| ShortestDecimal(number, 0));
+                    write!(f, "a {whole}number, {least} to {most} {}", setting.unit)?;
+                }
             },
-        };
-        write!(f, "{number}, {range}")?;
+        }
         self.nth_word(0).map_or(Ok(()), |word| write!(f, ", or {word}"))
     }
 }

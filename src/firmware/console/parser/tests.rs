@@ -2,7 +2,7 @@ use super::*;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Method, Orientation};
 use autoswing_module::compass::AutopilotAction;
-use autoswing_module::settings::SettingValue::{Key, Number, Whole};
+use autoswing_module::settings::SettingValue::{Key, Number};
 use autoswing_module::settings::{SETTINGS, SettingChange};
 
 fn parsed_command(line: &str) -> Command {
@@ -26,6 +26,11 @@ fn help_reply(line: &str) -> String {
     write_help(&mut text, topic).unwrap();
     assert!(text.lines().all(|line| line.len() <= 79), "{text}");
     text.replace("\n  ", " ")
+}
+
+fn signing_key(passphrase: Option<&str>) -> SettingChange {
+    let signing = Setting::from_parameter_name(b"SIGNING").unwrap();
+    signing.change_to(Key(passphrase.map(key_from_passphrase))).unwrap()
 }
 
 #[test]
@@ -53,8 +58,8 @@ fn every_command_is_parsed() {
         ("set align 90", Command::Align(Some(90.0))),
         ("set align none", Command::Align(None)),
         ("set align 90.5 yes", Command::AlignConfirmed(90.5)),
-        ("set signing off", set(SettingChange::named("SIGNING", Key(None)).unwrap())),
-        ("set signing 4711", set(SettingChange::named("SIGNING", Key(Some(key_from_passphrase("4711")))).unwrap())),
+        ("set signing off", set(signing_key(None))),
+        ("set signing 4711", set(signing_key(Some("4711")))),
     ];
     for (line, meaning) in examples {
         assert_eq!(parsed_command(line), meaning, "{line}");
@@ -95,11 +100,8 @@ fn every_setting_has_a_command() {
         let mut completed = Vec::new();
         complete_line(&format!("{first} {second}"), &mut |word| completed.push(word));
         assert!(completed.contains(&second), "{command}: {completed:?}");
-        let ends = setting.value_range().into_iter().flatten().filter_map(|value| match value {
-            Whole(number) if !setting.range_text.is_empty() => Some((number.to_string(), value)),
-            Number(number) => Some((number.unwrap().to_string(), value)),
-            _ => None,
-        });
+        let ends = setting.range.map(|number| (number.to_string(), Number(Some(number))));
+        let ends = ends.into_iter().filter(|_| !setting.unit.is_empty());
         let words = (0..).map_while(|index| setting.nth_word(index)).map(|(word, value)| (word.to_owned(), value));
         for (typed, value) in ends.chain(words) {
             let change = setting.change_to(value).unwrap();
@@ -113,7 +115,7 @@ fn every_setting_has_a_command() {
 fn a_passphrase_keeps_its_case() {
     for passphrase in ["aBc", "abc"] {
         let line = format!("set signing {passphrase}");
-        let expected = SettingChange::named("SIGNING", Key(Some(key_from_passphrase(passphrase)))).unwrap();
+        let expected = signing_key(Some(passphrase));
         assert!(
             matches!(parse_request(&line), Some(Ok(Request::Command(Command::Set(setting)))) if setting == expected)
         );
@@ -128,6 +130,8 @@ fn an_error_names_the_expected_argument() {
         ("CALL start", "unknown-command: unknown command; did you mean cal?"),
         ("set atitude-error 1", "unknown-command: unknown command; did you mean set attitude-error?"),
         ("help set stream-raate", "unknown-command: unknown command; did you mean set stream-rate?"),
+        ("stream off", "unknown-command: unknown command; did you mean set stream?"),
+        ("set frequency 5", "unknown-command: after set expected a word that help set lists"),
         ("autopilot fast", "unknown-command: after autopilot expected check, setup, undo or restart"),
         ("AUTOPILOT", "missing-argument: after autopilot expected check, setup, undo or restart"),
         ("help autopilot fast", "unknown-command: after autopilot expected check, setup, undo or restart"),
@@ -187,6 +191,7 @@ fn help_explains_everything_there_is() {
     );
     let mounts = help_reply("help set mount");
     assert!(Orientation::all_orientations().all(|mount| mounts.contains(mount.orientation_name())), "{mounts}");
+    assert_eq!(help_reply("help heading"), help_reply("help set heading"));
     assert!(help_reply("help set inclination").ends_with("VALUE: a number, -90 to 90 deg, or none\n"));
 }
 

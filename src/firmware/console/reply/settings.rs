@@ -13,13 +13,13 @@ pub(super) const CAN_LINE: &str = "can";
 /// Lines of the settings of the ports.
 pub(super) const PORT_LINES: [&str; PORT_COUNT] = ["port1", "port2"];
 
-/// Lines of settings, in the order of their last settings.
+/// Lines of settings, in the order of their first settings.
 pub(super) fn setting_lines() -> impl Iterator<Item = &'static str> {
     let lines = SETTINGS.iter().map(|setting| setting.status_texts[0]);
     lines
         .clone()
         .enumerate()
-        .filter(move |(index, line)| !lines.clone().skip(index + 1).any(|later| later == *line))
+        .filter(move |(index, line)| !lines.clone().take(*index).any(|earlier| earlier == *line))
         .map(|(_, line)| line)
 }
 

@@ -104,7 +104,7 @@ impl Services {
             BusMessage::GetTransportStats => ServiceRequest::GetTransportStats,
             BusMessage::GetSet(request) => {
                 let parameter = parameters::requested_parameter(&request);
-                let value = parameter.and_then(|parameter| parameters::requested_value(parameter, request.value));
+                let value = parameters::requested_value(request.value);
                 ServiceRequest::Parameter { parameter, value }
             }
             BusMessage::ExecuteOpcode(opcode) => ServiceRequest::Opcode(opcode),

@@ -3,37 +3,38 @@
 //! Every parameter is sent as a float, whose encoding is the same for all autopilots. Of the key of signatures only
 //! whether there is one; it is not written.
 
+use core::slice;
+
 use super::transmitter::Transmitter;
 use crate::wire::mavlink::{OutboundMessage, ParameterEncoding, ReceivedParameterRequest};
 use autoswing_module::compass::Command;
 use autoswing_module::messages::ParameterName;
-use autoswing_module::settings::{Setting, SettingChange, SettingValue, Settings};
+use autoswing_module::settings::{PARAMETERS, Setting, SettingChange, SettingValue, Settings};
 
 /// Parameters to send.
 #[derive(Debug, Default)]
 pub(super) struct OwnParameters {
-    /// Position of the next parameter of the requested list.
-    next_of_list: Option<u8>,
-    /// Position of a parameter that was requested alone.
-    requested: Option<u8>,
+    /// Unsent parameters of the requested list.
+    unsent_list: slice::Iter<'static, Setting>,
+    /// Parameter that was requested alone.
+    requested: Option<&'static Setting>,
 }
 
 impl OwnParameters {
     /// Processes a request; returns the command that changes a setting.
     pub fn process_request(&mut self, request: &ReceivedParameterRequest) -> Option<Command> {
         match request {
-            ReceivedParameterRequest::List => self.next_of_list = Some(0),
+            ReceivedParameterRequest::List => self.unsent_list = PARAMETERS.iter(),
             ReceivedParameterRequest::Read { name, index } => {
-                let position = u8::try_from(*index).ok();
-                let setting = setting_by_name(*name).filter(|_| position.is_none());
-                self.requested = setting.map(|setting| setting.parameter_index).or(position);
+                let index = usize::try_from(*index);
+                self.requested = index.map_or_else(|_| setting_by_name(*name), |index| PARAMETERS.get(index));
             }
             ReceivedParameterRequest::Write(parameter) => {
                 let setting = setting_by_name(parameter.name)?;
-                let value = parameter.number(ParameterEncoding::Cast).and_then(|number| setting.number_value(number));
-                let change = value.and_then(|value| setting.change_to(value));
+                let number = parameter.number(ParameterEncoding::Cast);
+                let change = number.and_then(|number| setting.change_to(SettingValue::Number(Some(number))));
                 // A refused value is answered with the present one, an accepted one after the change.
-                self.requested = change.is_none().then_some(setting.parameter_index);
+                self.requested = change.is_none().then_some(setting);
                 return change.map(Command::SetFromBus);
             }
         }
@@ -43,27 +44,17 @@ impl OwnParameters {
     /// Answers a change with the value that is then in force.
     pub fn complete_command(&mut self, command: Command) {
         if let Command::SetFromBus(change) = command {
-            self.requested = Some(change.setting.parameter_index);
+            self.requested = Some(change.setting);
         }
     }
 
     /// Sends the next parameter; returns whether one was sent.
     pub fn send_next_parameter(&mut self, settings: &Settings, line: &mut Transmitter<'_>) -> bool {
-        let Some(position) = self.requested.or(self.next_of_list) else { return false };
-        let Some(setting) = Setting::nth_parameter(position) else {
-            if self.requested.take().is_none() {
-                self.next_of_list = None;
-            }
-            return false;
-        };
-        if !line.has_room_for_bulk() {
-            return false;
-        }
-        let name = ParameterName::new(setting.parameter_name);
+        let Some(setting) = self.requested.or(self.unsent_list.as_slice().first()) else { return false };
         let is_sent =
-            line.send_message(OutboundMessage::parameter(name, setting.value(settings).to_number(), position));
+            line.has_room_for_bulk() && line.send_message(OutboundMessage::parameter_value(setting, settings));
         if is_sent && self.requested.take().is_none() {
-            self.next_of_list = Some(position + 1);
+            self.unsent_list.next();
         }
         is_sent
     }
@@ -76,5 +67,5 @@ fn setting_by_name(name: ParameterName) -> Option<&'static Setting> {
 
 /// Change of the component, which is a parameter, too.
 pub(super) fn component_change(component: u8) -> Option<Command> {
-    SettingChange::named("COMPONENT", SettingValue::Whole(component.into())).map(Command::Set)
+    SettingChange::named("COMPONENT", f32::from(component)).map(Command::Set)
 }

@@ -17,7 +17,7 @@ use super::signature::{self, Signatures};
 use autoswing::time::Timestamp;
 use autoswing::trig::sqrt;
 use autoswing_module::messages::ParameterName;
-use autoswing_module::settings::Setting;
+use autoswing_module::settings::{PARAMETERS, Setting, Settings};
 
 /// Longest payload, bytes: VISION_POSITION_ESTIMATE with its covariance.
 const MAX_PAYLOAD_LENGTH: usize = 117;
@@ -161,13 +161,14 @@ impl OutboundMessage {
         message
     }
 
-    /// PARAM_VALUE: a setting of the module, as a float, and its position.
+    /// PARAM_VALUE: a setting of the module, as a float, and its index.
     #[must_use]
-    pub fn parameter(name: ParameterName, number: f32, position: u8) -> Self {
+    pub fn parameter_value(setting: &Setting, settings: &Settings) -> Self {
+        let index = PARAMETERS.iter().take_while(|parameter| *parameter != setting).count() as u8;
         let mut message = Self::from_dialect::<PARAM_VALUE_DATA>();
-        message.put_floats(&[number]);
-        message.put_bytes(&[Setting::PARAMETER_COUNT, 0, position, 0]);
-        message.put_bytes(&name.0);
+        message.put_floats(&[setting.value(settings).to_number()]);
+        message.put_bytes(&[PARAMETERS.len() as u8, 0, index, 0]);
+        message.put_bytes(&ParameterName::new(setting.parameter_name).0);
         message.put_bytes(&[MavParamType::MAV_PARAM_TYPE_REAL32.0]);
         message
     }

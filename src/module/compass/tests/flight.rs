@@ -119,7 +119,7 @@ fn commands_interrupt_trial_solves() {
     };
     let mut bed = in_trial();
     assert_eq!(bed.status_report().module_state, ModuleState::Collecting);
-    bed.set(SettingChange::named("STREAM_RATE", Whole(5)).unwrap());
+    bed.set(SettingChange::named("STREAM_RATE", 5.0).unwrap());
     assert!(bed.compass.needs_solve_step(), "neither a report nor another setting interrupts it");
     for (command, state) in [
         (Command::CalStop, ModuleState::Uncalibrated),
@@ -131,7 +131,7 @@ fn commands_interrupt_trial_solves() {
         assert!(!bed.compass.needs_solve_step() && bed.trial_result().is_none(), "{command:?}");
     }
     let mut bed = in_trial();
-    assert_eq!(bed.set(SettingChange::named("INCLINATION", Number(Some(55.0))).unwrap()), ModuleState::Collecting);
+    assert_eq!(bed.set(SettingChange::named("INCLINATION", 55.0).unwrap()), ModuleState::Collecting);
     assert!(!bed.compass.needs_solve_step());
     let mut bed = in_trial();
     assert_eq!(bed.expect_done(Command::CalSolve(None)), ModuleState::Solving);
@@ -142,13 +142,13 @@ fn commands_interrupt_trial_solves() {
 #[test]
 fn a_trial_solve_reports_a_refusal_in_flight() {
     let mut bed = TestBed::with_setting(
-        SettingChange::named("MOUNT", Whole(Orientation::from_name("yaw90").unwrap().number().into())).unwrap(),
+        SettingChange::named("MOUNT", f32::from(Orientation::from_name("yaw90").unwrap().number())).unwrap(),
     );
     bed.start(Procedure::Flight);
     bed.collect(&hover_samples(8));
     let trial = bed.trial_result().unwrap();
     let contradicted = SolveError::MountContradicted { found: Orientation::IDENTITY_ROTATION };
     assert_eq!((trial.refusal, trial.expected_error_deg), (Some(Refusal::Solve(contradicted)), None));
-    bed.set(SettingChange::named("MOUNT", Whole(0)).unwrap());
+    bed.set(SettingChange::named("MOUNT", 0.0).unwrap());
     assert!(bed.solve().is_ok());
 }

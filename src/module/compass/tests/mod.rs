@@ -8,7 +8,6 @@ mod restart;
 use super::state::SAMPLES_DURING_SOLVE_CAPACITY;
 use super::*;
 use crate::messages::{Message, SolveOutcome};
-use crate::settings::SettingValue::{Number, Whole};
 use crate::settings::{HeadingKind, OutOfRange, PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::tests::calibration_record;
 use crate::store::{CalibrationRecord, StartupValues, StoreChange, StoreError, StoredCalibrations};
@@ -55,7 +54,7 @@ impl TestBed<'static> {
 
     /// Collects in flight until this accuracy.
     fn with_accuracy(accuracy_deg: f32) -> Self {
-        let mut bed = Self::with_setting(SettingChange::named("ACCURACY", Number(Some(accuracy_deg))).unwrap());
+        let mut bed = Self::with_setting(SettingChange::named("ACCURACY", accuracy_deg).unwrap());
         bed.start(Procedure::Flight);
         bed
     }
@@ -324,10 +323,10 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
     let mount = Orientation::from_name("yaw90").unwrap();
-    let mut bed = TestBed::with_setting(SettingChange::named("MOUNT", Whole(mount.number().into())).unwrap());
+    let mut bed = TestBed::with_setting(SettingChange::named("MOUNT", f32::from(mount.number())).unwrap());
     assert_eq!(bed.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
-    bed.set(SettingChange::named("GYRO_ERROR", Number(Some(50.0 / 8.0))).unwrap());
-    bed.set(SettingChange::named("IRON_DRIFT", Number(Some(0.5))).unwrap());
+    bed.set(SettingChange::named("GYRO_ERROR", 50.0 / 8.0).unwrap());
+    bed.set(SettingChange::named("IRON_DRIFT", 0.5).unwrap());
     assert_eq!(
         bed.compass.instrument_correction().sensor_errors,
         SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift_per_minute: 0.005 }
@@ -367,10 +366,10 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     assert_eq!(bed.state(), ModuleState::Calibrated);
     let turned = Orientation::from_name("yaw90").unwrap();
     assert_eq!(
-        bed.set(SettingChange::named("MOUNT", Whole((turned).number().into())).unwrap()),
+        bed.set(SettingChange::named("MOUNT", f32::from((turned).number())).unwrap()),
         ModuleState::Uncalibrated
     );
-    assert_eq!(bed.set(SettingChange::named("MOUNT", Whole(0)).unwrap()), ModuleState::Calibrated);
+    assert_eq!(bed.set(SettingChange::named("MOUNT", 0.0).unwrap()), ModuleState::Calibrated);
     let memory = &mut RetainedSamples::EMPTY.clone();
     assert!(Compass::new(AcceptancePolicy::DEFAULT, &bed.flash, memory).active_record().is_none(), "no sensor yet");
 }
@@ -378,12 +377,12 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
 #[test]
 fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
-    let mut bed = TestBed::with_setting(SettingChange::named("MOUNT", Whole(mount.number().into())).unwrap());
+    let mut bed = TestBed::with_setting(SettingChange::named("MOUNT", f32::from(mount.number())).unwrap());
     bed.calibrate(&complete_turns(1).map_samples(|sample| in_mount(sample, mount))).unwrap();
     assert_eq!(bed.active_record().mount, mount);
     // An inclination 2 deg off shifts the estimate; one 5 deg off is refused.
     let solve_with = |inclination_deg| {
-        let mut bed = TestBed::with_setting(SettingChange::named("INCLINATION", Number(inclination_deg)).unwrap());
+        let mut bed = TestBed::with_setting(SettingChange::named("INCLINATION", inclination_deg).unwrap());
         bed.calibrate(&few_turns(1)).map(|_| bed.calibrated_inclination_deg())
     };
     let (free, given) = (solve_with(None).unwrap(), solve_with(Some(57.0)).unwrap());
@@ -391,9 +390,9 @@ fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     let contradicted = SolveError::InclinationContradicted { found_deg: 55 };
     assert_eq!(solve_with(Some(60.0)), Err(Refusal::Solve(contradicted)));
     let expected_deg = |bias_deg, bank_percent| {
-        let bias = SettingChange::named("ATT_ERROR_DEG", Number(Some(bias_deg))).unwrap();
+        let bias = SettingChange::named("ATT_ERROR_DEG", bias_deg).unwrap();
         let mut bed = TestBed::with_setting(bias);
-        bed.set(SettingChange::named("ATT_ERROR_BANK", Number(Some(bank_percent))).unwrap());
+        bed.set(SettingChange::named("ATT_ERROR_BANK", bank_percent).unwrap());
         let quality = bed.calibrate(&few_turns(1)).unwrap().quality;
         let Ok(Reply::Advice(advice)) = bed.request_reply(Command::CalAdvise) else { panic!("none") };
         assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
@@ -415,7 +414,7 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
     for command in [
         Command::CalUndo,
         Command::CalClear,
-        Command::Set(SettingChange::named("STREAM", Whole(0)).unwrap()),
+        Command::Set(SettingChange::named("STREAM", 0.0).unwrap()),
         Command::Align(None),
     ] {
         assert!(matches!(bed.send_command(command), Effect::Save));
@@ -439,10 +438,10 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
 #[test]
 fn settings_out_of_range_are_refused_and_not_written() {
     let mut bed = TestBed::new();
-    let refused = bed.expect_refusal(Command::Set(SettingChange::named("STREAM_RATE", Whole(81)).unwrap()));
+    let refused = bed.expect_refusal(Command::Set(SettingChange::named("STREAM_RATE", 81.0).unwrap()));
     assert_eq!(refused, Refusal::OutOfRange(OutOfRange("stream-rate is 1 to 80 Hz")));
     assert!(bed.compass.pending_change().is_none());
-    bed.set(SettingChange::named("STREAM_RATE", Whole(80)).unwrap());
+    bed.set(SettingChange::named("STREAM_RATE", 80.0).unwrap());
     assert_eq!(bed.flash.settings, Settings { stream_rate_hz: 80, ..Settings::DEFAULT });
 }
 

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::wire::mavlink::key_from_passphrase;
-use autoswing_module::settings::SettingValue::{Key, Whole};
-use autoswing_module::settings::{SettingChange, SigningKey};
+use autoswing_module::settings::SettingValue::Key;
+use autoswing_module::settings::{Setting, SettingChange, SigningKey};
 
 const GET_SET: DataType = DataType::GET_SET;
 
@@ -39,10 +39,9 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
     let old = [1, 50, 0, 0, 0, 0, 0, 0, 0];
     let mut bench = Bench::new();
     bench.response_to_request(GET_SET, &set_integer_payload(81, "CAN_RATE"));
-    bench.node.complete_command(
-        Command::SetFromBus(SettingChange::named("CAN_RATE", Whole(81)).unwrap()),
-        Err(&Refusal::Busy),
-    );
+    bench
+        .node
+        .complete_command(Command::SetFromBus(SettingChange::named("CAN_RATE", 81.0).unwrap()), Err(&Refusal::Busy));
     assert_eq!(bench.run_for_response(GET_SET).unwrap()[..9], old);
     bench.response_to_request(GET_SET, &set_integer_payload(30, "CAN_RATE"));
     assert_eq!(bench.sent_in_ms(GET_SET, 1900).len(), 0);
@@ -53,7 +52,7 @@ fn a_refused_or_unanswered_setting_is_answered_with_the_old_value() {
 #[test]
 fn parameters_are_set_by_commands_one_after_another() {
     let mut bench = Bench::new();
-    let commands = [20, 30].map(|rate| Command::SetFromBus(SettingChange::named("CAN_RATE", Whole(rate)).unwrap()));
+    let commands = [20.0, 30.0].map(|rate| Command::SetFromBus(SettingChange::named("CAN_RATE", rate).unwrap()));
     for (number, rate) in [20, 30].into_iter().enumerate() {
         assert_eq!(bench.response_to_request(GET_SET, &set_integer_payload(rate, "CAN_RATE")), None);
         assert_eq!(bench.commands, commands[..1], "request {number}");
@@ -69,17 +68,18 @@ fn parameters_are_set_by_commands_one_after_another() {
 
 #[test]
 fn a_passphrase_is_set_and_not_read() {
+    let signing = Setting::from_parameter_name(b"SIGNING").unwrap();
     let mut bench = Bench::new();
     assert_eq!(bench.response_to_request(GET_SET, b"\x00\x04\x04wordSIGNING"), None);
     assert_eq!(
         bench.commands,
-        [Command::SetFromBus(SettingChange::named("SIGNING", Key(Some(key_from_passphrase("word")))).unwrap())]
+        [Command::SetFromBus(signing.change_to(Key(Some(key_from_passphrase("word")))).unwrap())]
     );
     bench.node.complete_command(bench.commands[0], Ok(()));
     bench.settings.signing_key = Some(SigningKey([7; 32]));
     assert_eq!(bench.run_for_response(GET_SET).unwrap(), b"\x04\x02on\x04\x03off\x00\x00SIGNING");
     bench.response_to_request(GET_SET, b"\x00\x04\x03offSIGNING");
-    assert_eq!(bench.commands[1], Command::SetFromBus(SettingChange::named("SIGNING", Key(None)).unwrap()));
+    assert_eq!(bench.commands[1], Command::SetFromBus(signing.change_to(Key(None)).unwrap()));
 }
 
 const RESTART_MAGIC_BYTES: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
@@ -99,7 +99,7 @@ fn requests_that_need_no_command_are_answered_at_once() {
         ("unknown operation", DataType::EXECUTE_OPCODE, &[9; 7], &[0; 7]),
         ("the present value", GET_SET, &set_integer_payload(50, "CAN_RATE"), rate),
         ("beyond the range", GET_SET, &set_integer_payload(i64::MAX, "CAN_RATE"), rate),
-        ("a real number", GET_SET, b"\x00\x02\x00\x00\x00\x00CAN_RATE", rate),
+        ("a fraction", GET_SET, b"\x00\x02\x00\x00\x00\x3fCAN_RATE", rate),
         ("a text", GET_SET, b"\x00\x04\x02onCAN_RATE", rate),
         ("no path", DataType::BEGIN_FIRMWARE_UPDATE, &[0], &[255]),
         ("a path with NUL", DataType::BEGIN_FIRMWARE_UPDATE, b"\x00a\x00b", &[255]),

@@ -1,7 +1,7 @@
 //! Component of the module beside others.
 
 use super::*;
-use autoswing_module::settings::{SettingChange, SettingValue};
+use autoswing_module::settings::SettingChange;
 
 const OTHER_MODULE: MavlinkAddress = [1, 158];
 const HEARTBEAT_ID: u8 = 0;
@@ -48,13 +48,13 @@ fn the_first_requests_are_not_the_components() {
 
 #[test]
 fn a_second_module_takes_another_component() {
-    let change = |component| Command::Set(SettingChange::named("COMPONENT", SettingValue::Whole(component)).unwrap());
+    let change = |component: f32| Command::Set(SettingChange::named("COMPONENT", component).unwrap());
     for (other, is_taken) in
         [(Some((OTHER_MODULE, 1)), true), (None, false), (Some(([1, 157], 1)), false), (Some(([2, 158], 1)), false)]
     {
         let mut bench = listening_bench(false);
         let commands = run_with_other(&mut bench, other, 4);
-        assert_eq!(commands.first(), is_taken.then(|| change(25)).as_ref(), "{other:?}");
+        assert_eq!(commands.first(), is_taken.then(|| change(25.0)).as_ref(), "{other:?}");
         let notice = Notice::ComponentTaken { taken: 158, component: 25 };
         assert_eq!(bench.mavlink.take_message(bench.now()), is_taken.then_some(notice), "{other:?}");
         if is_taken {
@@ -183,6 +183,6 @@ fn a_claimed_component_is_given_up_for_another_module_alone() {
 fn the_component_after_the_last_is_the_first() {
     let mut bench = listening_bench(false);
     bench.settings.component = 250;
-    let change = Command::Set(SettingChange::named("COMPONENT", SettingValue::Whole(25)).unwrap());
+    let change = Command::Set(SettingChange::named("COMPONENT", 25.0).unwrap());
     assert_eq!(run_with_other(&mut bench, Some(([1, 250], 1)), 4)[0], change);
 }

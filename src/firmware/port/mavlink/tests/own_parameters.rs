@@ -3,9 +3,12 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use autoswing_module::settings::{Setting, SettingChange, SettingValue};
+use autoswing_module::settings::{PARAMETERS, SettingChange};
 
 const PARAM_VALUE: u8 = 22;
+
+/// Number of all parameters.
+const COUNT: u8 = PARAMETERS.len() as u8;
 
 fn name_bytes(name: &str) -> [u8; 16] {
     std::array::from_fn(|index| name.as_bytes().get(index).copied().unwrap_or(0))
@@ -24,7 +27,7 @@ fn change(target: MavlinkAddress, name: &str, number: f32) -> Vec<u8> {
     mavlink_v2_frame(GROUND_STATION, 23, 168, &payload)
 }
 
-/// Sent parameters: name, number, count and position.
+/// Sent parameters: name, number, count and index.
 fn sent_parameters(bench: &mut MavlinkBench) -> Vec<(String, f32, u8, u8)> {
     bench.run_ms(3_000);
     let parameter = |sent: &SentMessage| {
@@ -35,22 +38,22 @@ fn sent_parameters(bench: &mut MavlinkBench) -> Vec<(String, f32, u8, u8)> {
     bench.take_messages(PARAM_VALUE).iter().map(parameter).collect()
 }
 
-/// Ground stations request the list of all components, or of one; and what they miss again by its position.
+/// Ground stations request the list of all components, or of one; and what they miss again by its index.
 #[test]
 fn settings_are_listed_and_read() {
     for target in [[1, 158], [1, 0]] {
         let mut bench = MavlinkBench::with_autopilot();
         bench.receive(&list_request(target));
         let parameters = sent_parameters(&mut bench);
-        let positions: BTreeSet<u8> = parameters.iter().map(|(.., position)| *position).collect();
-        assert_eq!(positions, (0..Setting::PARAMETER_COUNT).collect());
-        assert!(parameters.iter().all(|(_, _, count, _)| *count == Setting::PARAMETER_COUNT));
-        assert!(parameters.contains(&("BAUD1".to_owned(), 115_200.0, Setting::PARAMETER_COUNT, 15)), "{parameters:?}");
+        let indices: BTreeSet<u8> = parameters.iter().map(|(.., index)| *index).collect();
+        assert_eq!(indices, (0..COUNT).collect());
+        assert!(parameters.iter().all(|(_, _, count, _)| *count == COUNT));
+        assert!(parameters.contains(&("BAUD1".to_owned(), 115_200.0, COUNT, 14)), "{parameters:?}");
     }
     let mut bench = MavlinkBench::with_autopilot();
-    for (name, index) in [("ACCURACY", -1), ("", 4)] {
+    for (name, index) in [("ACCURACY", -1), ("", 10)] {
         bench.receive(&read_request([1, 158], name, index));
-        assert_eq!(sent_parameters(&mut bench), [("ACCURACY".to_owned(), 0.5, Setting::PARAMETER_COUNT, 4)]);
+        assert_eq!(sent_parameters(&mut bench), [("ACCURACY".to_owned(), 0.5, COUNT, 10)]);
     }
     for frame in [
         list_request([1, 1]),
@@ -68,12 +71,12 @@ fn settings_are_listed_and_read() {
 #[test]
 fn a_setting_is_changed_as_from_the_can_bus() {
     let mut bench = MavlinkBench::with_autopilot();
-    let command = Command::SetFromBus(SettingChange::named("ATTITUDE_RATE", SettingValue::Whole(25)).unwrap());
+    let command = Command::SetFromBus(SettingChange::named("ATTITUDE_RATE", 25.0).unwrap());
     assert_eq!(bench.receive(&change([1, 158], "ATTITUDE_RATE", 25.0)), [ReceivedMessage::Command(command)]);
     assert_eq!(sent_parameters(&mut bench), []);
     bench.settings.attitude_rate_hz = 25;
     bench.mavlink.complete_command(command, Ok(()));
-    assert_eq!(sent_parameters(&mut bench), [("ATTITUDE_RATE".to_owned(), 25.0, Setting::PARAMETER_COUNT, 10)]);
+    assert_eq!(sent_parameters(&mut bench), [("ATTITUDE_RATE".to_owned(), 25.0, COUNT, 18)]);
     for (name, number) in
         [("ATTITUDE_RATE", 25.5), ("ATTITUDE_RATE", -1.0), ("ATTITUDE_RATE", f32::NAN), ("SIGNING", 1.0)]
     {
