@@ -108,23 +108,19 @@ fn fly_with_changing_iron(seed: u64, change_s: f64) -> [f64; 3] {
     [largest_sigmas, largest_deg, longest_s]
 }
 
-/// With a constant angle error of 0.2 rad at 50 Hz, all that ArduPilot had, aeroplanes were 18 deg off at most. A change
-/// within a second is the iron's, and the heading stays the gyro's. A ramp of 1 uT a second turns the heading as slowly as
-/// a gyro's offset may: in one flight of ten some of it is followed. Measured of 60 flights: within a second 2.5 deg at
-/// most; within ten 4.4 in nine of ten, 11.5 at most.
+/// With a constant angle error of 0.2 rad at 50 Hz, all that ArduPilot had, aeroplanes were 18 deg off at most: half of it is
+/// allowed. A change within a second is the iron's, and the heading stays the gyro's. A ramp of 1 uT a second turns the
+/// heading as a gyro would whose offset changes: some of it is followed. Measured of 60 flights: within a second 2.5 deg at
+/// most; within ten 3.3 in nine of ten, 7.6 at most.
 #[test]
 fn iron_that_moves_in_flight_does_not_carry_the_autopilot_away() {
-    for (change_s, share, bound_deg) in [(1.0, 1.0, 2.75), (10.0, 0.9, 6.0)] {
-        let mut flights: Vec<_> =
-            (1..=share_of_flights(20)).map(|seed| fly_with_changing_iron(seed, change_s)).collect();
-        flights.sort_by(|[_, first_deg, _], [_, second_deg, _]| first_deg.total_cmp(second_deg));
-        let index = (share * flights.len() as f64) as usize - 1;
-        assert!(flights[index][1] < bound_deg, "{change_s} s: {flights:.2?}");
+    for (change_s, bound_deg) in [(1.0, 2.75), (10.0, 9.0)] {
+        let flights: Vec<_> = (1..=share_of_flights(20)).map(|seed| fly_with_changing_iron(seed, change_s)).collect();
         // The module is silent while a change is found.
-        assert!(
-            flights.iter().all(|[largest_sigmas, _, gap_s]| *largest_sigmas < 3.0 && *gap_s < 40.0),
-            "{change_s} s: {flights:.2?}"
-        );
+        let is_kept = |[largest_sigmas, largest_deg, gap_s]: &[f64; 3]| {
+            *largest_sigmas < 3.0 && *largest_deg < bound_deg && *gap_s < 40.0
+        };
+        assert!(flights.iter().all(is_kept), "{change_s} s: {flights:.2?}");
     }
 }
 
@@ -136,9 +132,9 @@ fn fly_without_poses(seconds: u32, second_source_error_deg: Option<f64>) -> [f64
     /// `EK3_YAW_M_NSE`.
     const COMPASS_SIGMA_RAD: f64 = 0.5;
     let mut filter = YawFilter::new();
-    for _ in 0..6_000 {
-        filter.predict(0.02);
-        filter.fuse(0.0, 0.05);
+    for _ in 0..1_200 {
+        filter.predict(STEP_S);
+        filter.fuse(0.0, 0.1);
     }
     filter.offset_error_rad_s += 0.01_f64.to_radians();
     let mut largest_deg = 0.0_f64;
@@ -156,7 +152,7 @@ fn fly_without_poses(seconds: u32, second_source_error_deg: Option<f64>) -> [f64
 #[test]
 fn without_poses_the_autopilots_yaw_is_lost_in_minutes_and_kept_by_a_second_source() {
     for (seconds, second_source_error_deg, error_bound_deg, sigmas_deg) in
-        [(120, None, 1.5, 5.0..6.0), (300, None, 3.5, 17.0..20.0), (600, Some(3.0), 4.0, 1.5..2.0)]
+        [(120, None, 1.5, 5.5..6.5), (300, None, 3.5, 19.0..20.5), (600, Some(3.0), 4.0, 1.5..2.0)]
     {
         let [error_deg, sigma_deg] = fly_without_poses(seconds, second_source_error_deg);
         assert!(error_deg < error_bound_deg, "{seconds} s: {error_deg} deg");

@@ -22,8 +22,8 @@ const FIELD_CHANGE_SIGMAS: f32 = 2.0;
 pub(super) enum SlowChange {
     /// Strength or inclination change: the field does, or the attitude.
     Field,
-    /// The heading alone changes; its mean innovation, radians.
-    Heading(f32),
+    /// The heading alone changes.
+    Heading,
 }
 
 /// Mean innovations of strength, inclination and heading.
@@ -54,7 +54,7 @@ impl MeanInnovations {
             return Some(SlowChange::Field);
         }
         let is_of_heading = beyond(2, MEAN_GATE_SIGMAS) && !field_changes(FIELD_CHANGE_SIGMAS);
-        is_of_heading.then_some(SlowChange::Heading(self.means[2]))
+        is_of_heading.then_some(SlowChange::Heading)
     }
 }
 

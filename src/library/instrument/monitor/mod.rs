@@ -67,7 +67,7 @@ pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::{ExplainedTurn, explained_turn};
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
-    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_CHANGE_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
+    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
     MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
     MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
     MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
@@ -385,10 +385,8 @@ impl Monitor {
     ) -> PerKind<bool> {
         let innovations = array::from_fn(|kind| measurements[kind].as_ref().map(|m| self.innovation(m)));
         let slow_change = self.mean_innovations.update_means(&innovations, step_s);
-        if let Some(SlowChange::Heading(heading_change_rad)) = slow_change
-            && self.post_change_remaining_s <= 0.0
-        {
-            self.inflate_gyro_rate_offsets(heading_change_rad, step_s);
+        if slow_change == Some(SlowChange::Heading) && self.post_change_remaining_s <= 0.0 {
+            self.inflate_gyro_rate_offsets(step_s);
         }
         match self.innovation_gate.test_innovations(innovations, step_s) {
             GateResult::Consistent { is_usable } => {
@@ -434,12 +432,12 @@ impl Monitor {
     /// Inflates the variance of the gyro's offsets, which may change faster than their process noise. Other states are
     /// not inflated: on recorded flights they would follow the attitude's errors, and a turn of the mount would follow a
     /// gyro whose offset grows.
-    fn inflate_gyro_rate_offsets(&mut self, heading_change_rad: f32, step_s: f32) {
-        let rate_rad_s = heading_change_rad / GYRO_OFFSET_CHANGE_TIME_S;
-        let variance = rate_rad_s * rate_rad_s * step_s / GYRO_OFFSET_CHANGE_TIME_S;
+    fn inflate_gyro_rate_offsets(&mut self, step_s: f32) {
         for state in GYRO_RATE_OFFSET_INDICES {
-            if self.filter.state_variance(state) < MAX_GYRO_OFFSET_VARIANCE {
-                self.filter.inflate_variance(state, variance);
+            let variance = self.filter.state_variance(state);
+            if variance < MAX_GYRO_OFFSET_VARIANCE {
+                let grown = square(sqrt(variance) + GYRO_OFFSET_GROWTH_RAD_S2 * step_s);
+                self.filter.inflate_variance(state, grown - variance);
             }
         }
     }
