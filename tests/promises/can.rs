@@ -1,8 +1,10 @@
 //! The module as a node of a CAN bus, beside an autopilot's node and others, on a simulated bus with faults.
 
+use autoswing::time::Timestamp;
 use autoswing_firmware::wire::dronecan::outbound::NodeStatus;
 use autoswing_firmware::wire::dronecan::{
-    Allocation, CanFrame, DataType, FrameHeader, NodeId, OutboundTransfer, Payload, Targetted, TransferKind, priority,
+    Allocation, BusMessage, CanFrame, DataType, FrameHeader, InboundTransfer, NodeId, OutboundTransfer, Payload,
+    Targetted, TransferKind, TransferReceiver, priority,
 };
 use simulator::devices::can::{CanEnd, CanFaults, SimulatedCanBus};
 use simulator::faults::Faults;
@@ -10,6 +12,11 @@ use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::cable_far_end::FarEnd;
+use simulator::world::mavlink_autopilot::{AutopilotInputs, MavlinkAutopilot, MavlinkFirmware, command_long};
+
+use crate::autopilot_view::{frames_with_id, status_texts};
+
+const COMMAND_ACK: u32 = 77;
 
 const FIELD_TYPE: DataType = DataType::MAGNETIC_FIELD_STRENGTH_2;
 
@@ -263,54 +270,46 @@ fn a_second_node_with_this_number_silences_the_field() {
     assert!(bench.autopilot.take_field_count(42) > 10, "the other one is gone");
 }
 
-/// Attitude arrives, and a commanded restart is executed and acknowledged, as over a serial line.
+/// Without a console: the attitude arrives, and a ground station's MAV_CMD_USER_1 writes the autopilot's parameters.
 #[test]
-fn mavlink_goes_through_the_tunnel() {
-    use mavlink_dialect::{
-        ATTITUDE_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MAVLinkV2MessageRaw, MavAutopilot, MavCmd, MavHeader,
-        MavModeFlag, MessageData,
-    };
-
-    fn mavlink_frame(data: &impl MessageData) -> Vec<u8> {
-        let mut raw = MAVLinkV2MessageRaw::new();
-        raw.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, data);
-        raw.raw_bytes().to_vec()
-    }
+fn the_autopilot_is_set_up_through_the_tunnel() {
     let mut bench = Bench::new(CanFaults::default());
-    bench.run_ms(3_000);
-    let send = |bench: &mut Bench, data: &[u8]| {
-        let piece =
-            Targetted { protocol: 1, target: 125, serial_line: 0, tunnel_options: 1, baud: 57_600, serial_bytes: data };
-        bench.autopilot.send_transfer(DataType::TARGETTED, TransferKind::Message, &piece.payload());
+    let mut receiver = TransferReceiver::new();
+    let mut ardupilot = MavlinkAutopilot::new(bench.rig.world.attitude_source(), MavlinkFirmware::ArduPilot, 0);
+    for (name, number) in [("COMPASS_DEV_ID", 97_539.0), ("COMPASS_PRIO1_ID", 97_539.0)] {
+        ardupilot.parameters.set_number(name, number);
+    }
+    let mut run_ms = |bench: &mut Bench, ms: u64, from_ground_station: &[u8]| {
+        let mut pending_bytes = from_ground_station.to_vec();
+        bench.run_ms_with(ms, |bench| {
+            let now_us = bench.rig.now_us();
+            for frame in std::mem::take(&mut bench.autopilot.received_frames) {
+                let at = Timestamp::from_us(now_us);
+                if let Some(InboundTransfer { message: BusMessage::Targetted(piece), .. }) =
+                    receiver.push_frame(at, Some(bench.autopilot.node_number), &frame)
+                {
+                    ardupilot.receive_bytes(now_us, piece.serial_bytes);
+                }
+            }
+            let inputs = AutopilotInputs { true_state: bench.rig.world.true_state(now_us), ..Default::default() };
+            pending_bytes.extend(ardupilot.due_messages(now_us, &inputs, |_| {}));
+            for serial_bytes in std::mem::take(&mut pending_bytes).chunks(Targetted::MAX_DATA_LENGTH) {
+                let protocol = Targetted::MAVLINK_2_PROTOCOL;
+                let piece =
+                    Targetted { protocol, target: 125, serial_line: 0, tunnel_options: 1, baud: 57_600, serial_bytes };
+                bench.autopilot.send_transfer(DataType::TARGETTED, TransferKind::Message, &piece.payload());
+            }
+        });
+        ardupilot.take_received()
     };
-    let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
-    let heartbeat =
-        mavlink_frame(&HEARTBEAT_DATA { autopilot, base_mode: MavModeFlag::empty(), ..HEARTBEAT_DATA::default() });
-    let mut time_boot_ms = 0;
-    bench.run_ms_with(3_000, |bench| {
-        time_boot_ms += 5;
-        if time_boot_ms % 1000 == 0 {
-            send(bench, &heartbeat);
-        }
-        if time_boot_ms % 50 == 0 {
-            let roll = 0.1 + time_boot_ms as f32 * 1e-6;
-            send(bench, &mavlink_frame(&ATTITUDE_DATA { time_boot_ms, roll, ..ATTITUDE_DATA::default() }));
-        }
-    });
+    run_ms(&mut bench, 6_000, &[]);
+    let set_up = command_long([255, 190], 1, 31_010, 0, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let received = run_ms(&mut bench, 30_000, &set_up);
+    assert_eq!(frames_with_id(COMMAND_ACK, &received).len(), 1);
+    let texts = status_texts(&received);
+    assert!(texts.iter().any(|text| text.contains("this module, DroneCAN bus 0 node 125")), "{texts:?}");
+    assert!(texts.iter().any(|text| text.contains("19 right, 0 wrong, 3 changed; restart it")), "{texts:?}");
     let status = bench.status();
-    assert!(status.contains("attitude: roll 5.9 deg"), "{status}");
-    let restart = COMMAND_LONG_DATA {
-        command: MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
-        param3: 1.0,
-        param4: 158.0,
-        target_system: 1,
-        target_component: 158,
-        ..COMMAND_LONG_DATA::default()
-    };
-    bench.autopilot.received_frames.clear();
-    send(&mut bench, &mavlink_frame(&restart));
-    bench.run_ms(4_000);
-    assert!(bench.autopilot.received_frames.iter().any(|frame| is_message(frame, DataType::TARGETTED)));
-    let console = String::from_utf8_lossy(&bench.rig.console.receive_bytes()).into_owned();
-    assert!(console.contains("started by reboot"), "{console}");
+    assert!(status.contains("attitude: roll "), "{status}");
+    assert_eq!(ardupilot.parameters.number("COMPASS_OFS_X"), Some(1.0));
 }
