@@ -20,7 +20,7 @@ use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
 fn fly_plan(plan: TurnPlan) -> MissionResult {
-    fly_mission(WorldConfig::of_table1(1), plan, &mut |_, _| {})
+    fly_mission(WorldConfig::of_table1(1), plan, &mut |_| {})
 }
 
 fn report_page(mission: &MissionResult) -> String {
@@ -243,7 +243,6 @@ fn text_of_a_hostile_log_is_escaped() {
         correction_choices: hostile(),
         title: hostile(),
         verdicts: vec![verdict],
-        key_figures: vec![[hostile(), hostile()]],
         log_warnings: vec![hostile()],
         reference: ReferenceInfo {
             difference_name: "error",
