@@ -24,7 +24,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use crate::command_failure::CommandFailure;
 use crate::file_options::named_world;
-use crate::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use crate::option_parsers::{integer_in_range, named_value, number_in_range, one_of};
 use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 
 /// Fly a simulated aircraft that calibrates the module.
@@ -55,7 +55,7 @@ pub struct FlyOptions {
     #[arg(long)]
     tell_current: bool,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of::<SensorModel>("lis3mdl|rm3100"))]
     pub sensor: SensorModel,
     /// Roll and pitch: of the autopilot; own, of the module's gyro and accelerometer, without any autopilot; or auto, the
     /// autopilot's with the rates of the module's gyro
