@@ -243,6 +243,7 @@ fn text_of_a_hostile_log_is_escaped() {
         correction_choices: hostile(),
         title: hostile(),
         verdicts: vec![verdict],
+        key_figures: vec![[hostile(), hostile()]],
         log_warnings: vec![hostile()],
         reference: ReferenceInfo {
             difference_name: "error",

@@ -25,6 +25,7 @@ pub fn report_mission(mission_result: &MissionResult, origin: &ReportOrigin) -> 
     Report {
         title: format!("Simulated {vehicle_name}, seed {seed}"),
         verdicts: vec![verdict_line(mission_result)],
+        key_figures: key_figures(mission_result),
         reference: ReferenceInfo {
             difference_name: "error",
             reference_name: "the simulator's own heading".to_owned(),
@@ -111,6 +112,28 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
     VerdictLine { compass_state: Some(compass_state), state_word, verdict_text: text }
 }
 
+fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
+    let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
+    let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
+    if let Ok(shown_calibration) = &mission_result.calibration_result {
+        figures.push(["after: largest error".to_owned(), format!("{} deg", format_number(after.max_deg, 2))]);
+        figures.push(["after: RMS".to_owned(), format!("{} deg", format_number(after.rms_deg, 2))]);
+        figures.push([
+            "expected: RMS".to_owned(),
+            format!("{} deg", format_number(shown_calibration.expected_rms_deg, 2)),
+        ]);
+    }
+    if let Some(streamed) = &mission_result.streamed_statistics {
+        figures.push(["streamed in flight: RMS".to_owned(), format!("{} deg", format_number(streamed.rms_deg, 2))]);
+        let [one, two] = streamed.within_percent;
+        figures.push([
+            "within 1 and 2 sigma".to_owned(),
+            format!("{} and {} %", format_number(one, 0), format_number(two, 0)),
+        ]);
+    }
+    figures
+}
+
 fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
     let calibration =
         mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.calibration);
@@ -171,16 +194,13 @@ fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
         facts.push(["after".to_owned(), statistics_text(mission_result.errors_after.statistics())]);
     }
     if let Some(streamed) = &mission_result.streamed_statistics {
-        let [one, two] = streamed.within_percent;
         facts.push([
             "streamed in flight, attitude noise and age included".to_owned(),
             format!(
-                "{} headings, largest {}, RMS {} deg; {} and {} % within one and two of their sigmas",
+                "{} headings, largest {}, RMS {} deg",
                 streamed.headings,
                 format_number(streamed.max_deg, 2),
-                format_number(streamed.rms_deg, 2),
-                format_number(one, 0),
-                format_number(two, 0)
+                format_number(streamed.rms_deg, 2)
             ),
         ]);
     }

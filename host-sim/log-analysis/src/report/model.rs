@@ -12,6 +12,8 @@ pub struct Report {
     pub title: String,
     /// Verdicts, the most important first.
     pub verdicts: Vec<VerdictLine>,
+    /// Most important figures, name and value.
+    pub key_figures: Vec<[String; 2]>,
     /// Warnings about the log.
     pub log_warnings: Vec<String>,
     /// Reference of the headings.

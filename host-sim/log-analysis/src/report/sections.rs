@@ -120,9 +120,9 @@ pub fn origin_section(report: &Report) -> String {
     html.concat()
 }
 
-/// The comparison of calibrators, and the facts about each compass.
+/// Key figures, the comparison of calibrators, and the facts about each compass.
 pub fn figures_section(report: &Report) -> String {
-    let mut html = Vec::new();
+    let mut html = vec![facts_list(&report.key_figures)];
     if !report.calibrators.calibrator_rows.is_empty() {
         html.push(comparison_table(report));
     }
