@@ -99,7 +99,7 @@ fn a_calibration_on_the_emulator_survives_a_restart_and_is_accurate() {
     emulator.run_for_s(1.0);
     emulator.send_console_line("");
     let mission_result =
-        fly_mission_of_module(&mut emulator, TurnPlan { circles_per_side: 2.5, ..TurnPlan::default() }, &mut |_, _| {});
+        fly_mission_of_module(&mut emulator, TurnPlan { circles_per_side: 2.5, ..TurnPlan::default() }, &mut |_| {});
     assert!(
         mission_result.calibration_result.is_ok(),
         "{:?}\n{}",

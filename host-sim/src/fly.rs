@@ -13,9 +13,9 @@ use log_analysis::report::ReportOrigin;
 use log_analysis::score::ErrorStatistics;
 use simulator::devices::sensor::SensorModel;
 use simulator::heading_errors::HeadingErrors;
-use simulator::mission::{self, MissionResult, MissionStage, OutputStatistics, TurnPlan};
+use simulator::mission::{self, MissionResult, MissionStage, MissionStep, OutputStatistics, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
-use simulator::module::{Module, ObservedModule};
+use simulator::module::Module;
 use simulator::recording::Recorder;
 use simulator::rig::Rig;
 use simulator::transcript::SolveNotice;
@@ -24,7 +24,7 @@ use simulator::world::aircraft::VehicleKind;
 
 use crate::command_failure::CommandFailure;
 use crate::file_options::named_world;
-use crate::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range};
+use crate::option_parsers::{integer_in_range, named_value, number_in_range, one_of};
 use crate::print::{self, append_wrapped, command_line, content_width_table, right_aligned, write_report};
 
 /// Fly a simulated aircraft that calibrates the module.
@@ -55,7 +55,7 @@ pub struct FlyOptions {
     #[arg(long)]
     tell_current: bool,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of::<SensorModel>("lis3mdl|rm3100"))]
     pub sensor: SensorModel,
     /// Roll and pitch: of the autopilot; own, of the module's gyro and accelerometer, without any autopilot; or auto, the
     /// autopilot's with the rates of the module's gyro
@@ -141,13 +141,9 @@ pub struct RecordedMission {
 impl RecordedMission {
     /// Flies the mission of the options with a module.
     pub fn fly(module: &mut impl Module, options: &FlyOptions) -> Self {
-        if options.record.is_none() {
-            return Self { result: fly_mission(module, options), recording: None };
-        }
-        let recorder = Recorder::new(module);
-        let mut module = ObservedModule::new(module, recorder);
-        let result = fly_mission(&mut module, options);
-        Self { result, recording: Some(module.observer.recording) }
+        let mut recorder = options.record.is_some().then(|| Recorder::new(module));
+        let result = fly_mission(module, options, recorder.as_mut());
+        Self { result, recording: recorder.map(|recorder| recorder.recording) }
     }
 
     /// Prints the result, and writes log and report page as the options have it.
@@ -194,23 +190,27 @@ fn write_log(path: &Path, recording: &FlightRecording) -> Result<(), CommandFail
 }
 
 /// Flies with a progress bar for each stage, on the error output if that is a terminal.
-fn fly_mission(module: &mut impl Module, options: &FlyOptions) -> MissionResult {
+fn fly_mission(module: &mut impl Module, options: &FlyOptions, mut recorder: Option<&mut Recorder>) -> MissionResult {
     const PROGRESS_TICKS: u64 = 1000;
     let mut current: Option<(MissionStage, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
-    let mission_result = mission::fly_mission_of_module(module, plan, &mut |stage, fraction| {
-        if current.as_ref().is_none_or(|(displayed_stage, _)| *displayed_stage != stage) {
-            finish_stage_bar(current.take());
-            let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());
-            if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
-                bar.set_style(style);
+    let mission_result =
+        mission::fly_mission_of_module(module, plan, &mut |&MissionStep { stage, done, world, now_us, .. }| {
+            if let Some(recorder) = &mut recorder {
+                recorder.record_until(now_us, world);
             }
-            current = Some((stage, bar));
-        }
-        if let Some((_, bar)) = &current {
-            bar.set_position((fraction * PROGRESS_TICKS as f64) as u64);
-        }
-    });
+            if current.as_ref().is_none_or(|(displayed_stage, _)| *displayed_stage != stage) {
+                finish_stage_bar(current.take());
+                let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());
+                if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
+                    bar.set_style(style);
+                }
+                current = Some((stage, bar));
+            }
+            if let Some((_, bar)) = &current {
+                bar.set_position((done * PROGRESS_TICKS as f64) as u64);
+            }
+        });
     finish_stage_bar(current);
     mission_result
 }

@@ -4,14 +4,8 @@ use std::fmt::Display;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use simulator::devices::sensor::SensorModel;
-use simulator::world::aircraft::VehicleKind;
-
-/// Vehicles of the studies.
-pub const STUDIED_AIRCRAFT: &[VehicleKind] = &[VehicleKind::Plane, VehicleKind::Copter, VehicleKind::Vtol];
-
-/// Magnetometers of the simulated module.
-pub const SENSOR_NAMES: &[(&str, SensorModel)] = &[("lis3mdl", SensorModel::Lis3mdl), ("rm3100", SensorModel::Rm3100)];
+use serde::de::value::Error as UnknownName;
+use serde::de::{DeserializeOwned, IntoDeserializer};
 
 /// Parses a number in a range.
 pub fn number_in_range(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
@@ -71,13 +65,21 @@ pub fn named_value<T: Copy + Send + Sync + 'static>(
     })
 }
 
-/// Parses the name of one of several values, each of which has its own name.
-pub fn value_named_by<T: Copy + Send + Sync + 'static>(
-    values: &'static [T],
-    name_of: fn(T) -> &'static str,
+/// Parses one of the names, separated by `|`; they are those of the values in JSON.
+#[must_use]
+pub fn one_of<T: DeserializeOwned + Clone + Send + Sync + 'static>(
+    names: &'static str,
 ) -> impl TypedValueParser<Value = T> {
-    let names = PossibleValuesParser::new(values.iter().map(|value| name_of(*value)));
-    names.try_map(move |name| values.iter().copied().find(|value| name_of(*value) == name).ok_or("unknown"))
+    PossibleValuesParser::new(names.split('|')).try_map(|name| value_of_name(&name))
+}
+
+/// Value of a name in JSON.
+///
+/// # Errors
+///
+/// The type has no value of this name.
+pub fn value_of_name<T: DeserializeOwned>(name: &str) -> Result<T, UnknownName> {
+    T::deserialize(name.into_deserializer())
 }
 
 #[cfg(test)]

@@ -17,18 +17,9 @@ use log_analysis::report::{self, ReportOrigin};
 use crate::command_failure::CommandFailure;
 use crate::file_options::visit_logs;
 use crate::heading_file::write_headings;
-use crate::option_parsers::{integer_in_range, named_value, number_in_range, parse_log_time, value_named_by};
+use crate::option_parsers::{integer_in_range, number_in_range, one_of, parse_log_time};
 use crate::print::{self, command_line, show_spinner, write_report};
 use crate::verdict_text::{WrittenOutput, full_text, summary_text};
-
-const ROW_SELECTIONS: &[RowSelection] = &[RowSelection::All, RowSelection::Turns, RowSelection::Flight];
-
-const PARAMETER_FORMATS: &[(&str, ParameterFormat)] =
-    &[("ardupilot", ParameterFormat::ArduPilot), ("px4", ParameterFormat::Px4), ("inav", ParameterFormat::Inav)];
-
-const CORRECTED_TERMS: &[CorrectedTerms] = &[CorrectedTerms::Offsets, CorrectedTerms::Scale, CorrectedTerms::All];
-
-const FIELD_UNITS: &[(&str, FieldUnit)] = &[("mg", FieldUnit::Milligauss), ("ut", FieldUnit::Microtesla)];
 
 const EXAMPLES: &str = "Examples:
   host-sim replay flight.bin                          the verdict
@@ -74,19 +65,19 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, value_parser = parse_log_time)]
     pub to: Option<f64>,
     /// Heading that errors are measured against [default: the best in the log, in this order]
-    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = value_named_by(&ReferenceKind::ALL_KINDS, ReferenceKind::option_name))]
+    #[arg(long, value_name = "simulator|column|gps-yaw|gps-course|autopilot", value_parser = one_of::<ReferenceKind>("simulator|column|gps-yaw|gps-course|autopilot"))]
     pub reference: Option<ReferenceKind>,
     /// Format of the parameters [default: of the autopilot that wrote the log, else ArduPilot's]
-    #[arg(long, value_name = "ardupilot|px4|inav", value_parser = named_value(PARAMETER_FORMATS))]
+    #[arg(long, value_name = "ardupilot|px4|inav", value_parser = one_of::<ParameterFormat>("ardupilot|px4|inav"))]
     pub params_for: Option<ParameterFormat>,
     /// What the parameters correct, if all of it makes the compass useful: offsets; offsets and one scale; or offsets,
     /// matrix, motor current and orientation. The report has the error of each
-    #[arg(long, default_value = "all", value_name = "offsets|scale|all", value_parser = value_named_by(CORRECTED_TERMS, CorrectedTerms::option_name))]
+    #[arg(long, default_value = "all", value_name = "offsets|scale|all", value_parser = one_of::<CorrectedTerms>("offsets|scale|all"))]
     pub correct: CorrectedTerms,
     /// Compare with an Autoswing module on this flight, and with fits of a sphere and an ellipsoid. The module fits the
     /// samples it keeps in any flight until they suffice (`flight`, also without a name); `all` usable rows, evenly thinned
     /// to its capacity; or the samples of its `turns` procedure
-    #[arg(long, value_name = "flight|all|turns", value_parser = value_named_by(ROW_SELECTIONS, RowSelection::selection_name), num_args = 0..=1,
+    #[arg(long, value_name = "flight|all|turns", value_parser = one_of::<RowSelection>("all|turns|flight"), num_args = 0..=1,
           require_equals = true, default_missing_value = "flight")]
     pub module: Option<RowSelection>,
     /// MAVLink system to read if the log has several vehicles, 1 to 255 [default: the first autopilot received]
@@ -96,7 +87,7 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = number_in_range(-200.0, 500.0))]
     pub age: Option<f64>,
     /// Unit of mx, my, mz in a table: milligauss or microtesla
-    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = named_value(FIELD_UNITS))]
+    #[arg(long, default_value = "mg", value_name = "mg|ut", value_parser = one_of::<FieldUnit>("mg|ut"))]
     pub unit: FieldUnit,
     /// Orientation of the sensors by ArduPilot's names, such as yaw90, in place of that of the log's parameters; the
     /// field of a table is then that of the sensors' axes [default: that of the log]

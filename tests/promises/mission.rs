@@ -11,7 +11,7 @@ use testkit::documents;
 use crate::fixtures::share_of_flights;
 
 fn mission_result(world: &WorldConfig) -> MissionResult {
-    fly_mission(*world, TurnPlan::default(), &mut |_, _| {})
+    fly_mission(*world, TurnPlan::default(), &mut |_| {})
 }
 
 fn expected_rms_deg(mission_result: &MissionResult) -> f64 {
@@ -153,7 +153,7 @@ fn fifty_random_airframes_are_calibrated_to_their_expected_error() {
 #[test]
 fn a_calibration_reports_heading_error_per_attitude_error() {
     let mut rig = Rig::new(WorldConfig::of_table1(1));
-    let mission_result = fly_mission_of_module(&mut rig, TurnPlan::default(), &mut |_, _| {});
+    let mission_result = fly_mission_of_module(&mut rig, TurnPlan::default(), &mut |_| {});
     let line_after = |text: &str, line: &str| {
         let ratio_text =
             text.split(line).nth(1).and_then(|rest| rest.split("; a degree of attitude error costs ").nth(1));
@@ -186,7 +186,7 @@ fn a_flight_without_turns_or_with_little_bank_is_refused() {
         (WorldConfig::random_world(5), 5.0, 2.0),
         (WorldConfig::random_world(7), 5.0, 2.0),
     ] {
-        let mission_result = fly_mission(world, TurnPlan { bank_deg, circles_per_side }, &mut |_, _| {});
+        let mission_result = fly_mission(world, TurnPlan { bank_deg, circles_per_side }, &mut |_| {});
         let Err(SolveNotice::Refused { code, explanation }) = &mission_result.calibration_result else {
             panic!("{:?}", mission_result.calibration_result)
         };

@@ -22,7 +22,7 @@ fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
     let mission_count = share_of_flights(12);
     for seed in 1..=mission_count {
         let config = own_config(seed).with_vehicle_kind(vehicle_kind);
-        let headings = fly_mission(config, TurnPlan::default(), &mut |_, _| {}).evaluated_headings;
+        let headings = fly_mission(config, TurnPlan::default(), &mut |_| {}).evaluated_headings;
         let first_s = headings.first().map_or(f64::NAN, |heading| heading.true_moment.time_s);
         for heading in headings.iter().filter(|heading| heading.true_moment.time_s > first_s + 10.0) {
             squares += heading.error_deg * heading.error_deg;

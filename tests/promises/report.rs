@@ -20,7 +20,7 @@ use simulator::recording::record_turns;
 use simulator::world::WorldConfig;
 
 fn fly_plan(plan: TurnPlan) -> MissionResult {
-    fly_mission(WorldConfig::of_table1(1), plan, &mut |_, _| {})
+    fly_mission(WorldConfig::of_table1(1), plan, &mut |_| {})
 }
 
 fn report_page(mission: &MissionResult) -> String {

@@ -1,6 +1,7 @@
 //! Numbers as text and in JSON, and their statistics.
 
 use autoswing::calibration::Calibration;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 /// Rounds for JSON; a negative value that rounds to zero becomes plain zero.
@@ -51,6 +52,12 @@ pub fn square(value: f64) -> f64 {
 #[must_use]
 pub fn f32_as_f64(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::NAN)
+}
+
+/// Name of an enumeration's value in JSON.
+#[must_use]
+pub fn json_name(value: impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
 }
 
 /// Coefficients of a calibration for JSON: at most nine digits, as of an f32.

@@ -17,7 +17,7 @@ use log_analysis::score::{ErrorStatistics, within_percent, wrap_180};
 
 use crate::transcript::{self, ShownCalibration, SolveNotice};
 use crate::world::autopilot::Leg;
-use crate::world::{TrueState, WorldConfig};
+use crate::world::{TrueState, World, WorldConfig};
 
 /// Stage of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +43,21 @@ impl MissionStage {
             Self::OutputEvaluation => "restart, fly on",
         }
     }
+}
+
+/// A step of a mission: the time has advanced.
+#[derive(Clone, Copy)]
+pub struct MissionStep<'a> {
+    /// Stage of the mission.
+    pub stage: MissionStage,
+    /// Part of the stage that is done, 0 to 1.
+    pub done: f64,
+    /// The world at present.
+    pub world: &'a World,
+    /// Time since the start of the simulation, microseconds.
+    pub now_us: u64,
+    /// What the console has printed in answer to a command.
+    pub printed: &'a str,
 }
 
 /// Measurement during the routine, for the report's plots.
@@ -125,22 +140,24 @@ pub struct MissionResult {
 }
 
 /// Flies a mission with the simulated module. `on_progress` receives the stage and its progress, 0..1.
-pub fn fly_mission(
-    world: WorldConfig,
-    plan: TurnPlan,
-    on_progress: &mut dyn FnMut(MissionStage, f64),
-) -> MissionResult {
-    fly_mission_of_module(&mut Rig::new(world), plan, on_progress)
+pub fn fly_mission(world: WorldConfig, plan: TurnPlan, on_step: &mut dyn FnMut(&MissionStep<'_>)) -> MissionResult {
+    fly_mission_of_module(&mut Rig::new(world), plan, on_step)
 }
 
 /// Flies a mission with a module that was just switched on.
 pub fn fly_mission_of_module(
     module: &mut impl Module,
     plan: TurnPlan,
-    on_progress: &mut dyn FnMut(MissionStage, f64),
+    on_step: &mut dyn FnMut(&MissionStep<'_>),
 ) -> MissionResult {
     let world = module.world().world_config();
-    let mut mission = Mission { module, transcript: String::new(), routine_measurements: Vec::new(), on_progress };
+    let mut mission = Mission {
+        module,
+        progress: (MissionStage::TakeOff, 0.0),
+        transcript: String::new(),
+        routine_measurements: Vec::new(),
+        on_step,
+    };
     let before =
         HeadingErrors::evaluate_calibration(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION), &world);
     let routine = CalibrationRoutine::for_vehicle(world.aircraft.kind, plan, world.aircraft.heading_deg);
@@ -170,9 +187,11 @@ pub fn fly_mission_of_module(
 
 struct Mission<'a, M> {
     module: &'a mut M,
+    /// Stage, and the part of it that is done.
+    progress: (MissionStage, f64),
     transcript: String,
     routine_measurements: Vec<RoutineMeasurement>,
-    on_progress: &'a mut dyn FnMut(MissionStage, f64),
+    on_step: &'a mut dyn FnMut(&MissionStep<'_>),
 }
 
 const RUN_STEP_S: f64 = 0.5;
@@ -185,7 +204,6 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
-        (self.on_progress)(MissionStage::TakeOff, 0.0);
         self.module.world().set_armed(true);
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         let source = self.module.world().world_config().attitude;
@@ -222,7 +240,7 @@ impl<M: Module> Mission<'_, M> {
             {
                 return error;
             }
-            (self.on_progress)(MissionStage::Solve, step as f64 / (2 * timeout_steps) as f64);
+            self.progress = (MissionStage::Solve, step as f64 / (2 * timeout_steps) as f64);
             self.advance_one_step();
             self.append_console_output();
         }
@@ -234,7 +252,7 @@ impl<M: Module> Mission<'_, M> {
         let _ = self.module.instrument_cable().receive_bytes();
         // Reset by the pin, because a module in flight refuses the restart command.
         self.module.reset_module();
-        self.module.run_for_s(MAX_RESTART_S);
+        self.advance_by(MAX_RESTART_S);
         self.append_console_output();
         let mut evaluated_headings: Vec<EvaluatedHeading> = Vec::new();
         let mut empty = 0;
@@ -242,7 +260,7 @@ impl<M: Module> Mission<'_, M> {
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().append_leg(leg);
             while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
-                (self.on_progress)(MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
+                self.progress = (MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) =
                         reader.push_byte(timed_byte.byte).filter(|sentence| sentence.sentence_kind == "PASWH")
@@ -264,7 +282,7 @@ impl<M: Module> Mission<'_, M> {
                 }
             }
         }
-        (self.on_progress)(MissionStage::OutputEvaluation, 1.0);
+        self.progress = (MissionStage::OutputEvaluation, 1.0);
         self.append_console_output();
         let errors_deg: Vec<f64> = evaluated_headings.iter().map(|heading| heading.error_deg).collect();
         let normalised: Vec<f64> =
@@ -298,19 +316,32 @@ impl<M: Module> Mission<'_, M> {
                     (now.heading_rad - start_state.heading_rad).to_degrees() / heading_change_deg
                 }
             };
-            (self.on_progress)(stage, done.clamp(0.0, 1.0));
+            self.progress = (stage, done.clamp(0.0, 1.0));
         }
     }
 
     /// Advances by one step; false if the module has failed.
     fn advance_one_step(&mut self) -> bool {
-        self.module.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time
+        self.advance_by(RUN_STEP_S)
+    }
+
+    fn advance_by(&mut self, seconds: f64) -> bool {
+        let end = self.module.run_for_s(seconds);
+        self.report_step("");
+        end == ModuleRunEnd::Time
     }
 
     fn send_console_line(&mut self, line: &str) -> String {
         let printed = self.module.send_console_line(line);
+        self.report_step(&printed);
         self.transcript.push_str(&printed);
         printed
+    }
+
+    fn report_step(&mut self, printed: &str) {
+        let (stage, done) = self.progress;
+        let (world, now_us) = (self.module.world(), self.module.now_us());
+        (self.on_step)(&MissionStep { stage, done, world, now_us, printed });
     }
 
     fn append_console_output(&mut self) {

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use autoswing::earth::{self, Date, EarthField};
 use log_analysis::log::log_writers::{FlightRecording, FlightSample};
 
-use crate::module::{Module, ModuleObserver};
+use crate::module::Module;
 use crate::world::aircraft::VehicleKind;
 use crate::world::attitude_source::SimulatedAttitudeSource;
 use crate::world::autopilot::Leg;
@@ -90,7 +90,7 @@ pub fn record_turns(world: &WorldConfig, field_latency_s: f64) -> FlightRecordin
     recording
 }
 
-/// Observer that records a flight.
+/// Recorder of a flight.
 pub struct Recorder {
     source: SimulatedAttitudeSource,
     next_sample_us: u64,
@@ -107,17 +107,15 @@ impl Recorder {
         set_place_of_default_earth(&mut recording, module.world());
         Self { source, next_sample_us, recording }
     }
-}
 
-impl ModuleObserver for Recorder {
-    fn time_advanced(&mut self, module: &impl Module) {
-        let now_us = module.now_us();
+    /// Records the flight up to now.
+    pub fn record_until(&mut self, now_us: u64, world: &World) {
         self.next_sample_us = self.next_sample_us.max(
             now_us.saturating_sub(MAX_RECORDED_HISTORY_US) / RECORDING_INTERVAL_US * RECORDING_INTERVAL_US
                 + RECORDING_INTERVAL_US,
         );
         while self.next_sample_us <= now_us {
-            record_sample(&mut self.recording, module.world(), &mut self.source, self.next_sample_us);
+            record_sample(&mut self.recording, world, &mut self.source, self.next_sample_us);
             self.next_sample_us += RECORDING_INTERVAL_US;
         }
     }

@@ -1,16 +1,13 @@
 //! The example aircraft, observed while it flies its calibration mission.
 
-use std::cell::Cell;
-
 use autoswing::calibration::{Calibration, Orientation};
 use log_analysis::log::csv::FieldUnit;
 use log_analysis::log::log_writers::encode_dataflash;
 use log_analysis::report::{self, ReportOrigin};
 use log_analysis::score::wrap_180;
 use serde::{Deserialize, Serialize};
-use simulator::mission::{self, MissionStage, TurnPlan};
+use simulator::mission::{self, MissionStep, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
-use simulator::module::{Module, ModuleObserver, ObservedModule};
 use simulator::recording::Recorder;
 use simulator::rig::Rig;
 use simulator::transcript;
@@ -57,12 +54,12 @@ pub struct FlownExample {
 
 /// Flies the mission on the aircraft of the paper, and reports each step.
 pub fn fly_example(request: FlightRequest, report_step: &mut dyn FnMut(&FlightStep)) -> FlownExample {
-    let progress = Cell::new((MissionStage::TakeOff, 0.0));
     let mut rig = Rig::new(WorldConfig::of_table1(request.seed));
-    let reporter = StepReporter { progress: &progress, calibration: Cell::new(None), report_step };
-    let mut observed = ObservedModule::new(&mut rig, reporter);
-    let mission_result = mission::fly_mission_of_module(&mut observed, TurnPlan::default(), &mut |stage, done| {
-        progress.set((stage, done));
+    let mut calibration = None;
+    let mission_result = mission::fly_mission_of_module(&mut rig, TurnPlan::default(), &mut |step| {
+        report_step(&flight_step(step, calibration));
+        let shown = transcript::parse_shown_calibration(step.printed);
+        calibration = shown.map(|shown| shown.calibration).or(calibration);
     });
     let origin = ReportOrigin {
         command_line: format!("host-sim fly --seed {}", request.seed),
@@ -84,58 +81,33 @@ const EXAMPLE_SEED: u64 = 1;
 /// The log cannot be read, which would be a fault of its writer.
 pub fn record_example() -> Result<LoadedLog, RequestFailure> {
     let mut rig = Rig::new(WorldConfig::of_table1(EXAMPLE_SEED));
-    let recorder = Recorder::new(&rig);
-    let mut recorded = ObservedModule::new(&mut rig, recorder);
-    mission::fly_mission_of_module(&mut recorded, TurnPlan::default(), &mut |_, _| {});
-    let bytes = encode_dataflash(&recorded.observer.recording);
+    let mut recorder = Recorder::new(&rig);
+    let mut record = |step: &MissionStep<'_>| recorder.record_until(step.now_us, step.world);
+    mission::fly_mission_of_module(&mut rig, TurnPlan::default(), &mut record);
+    let bytes = encode_dataflash(&recorder.recording);
     let request = LogRequest { names: vec!["example.bin".to_owned()], log: None, unit: FieldUnit::Milligauss };
     LoadedLog::read_log(&mut bytes.as_slice(), request)
 }
 
-/// Observer that reports a step whenever time advances.
-struct StepReporter<'a> {
-    progress: &'a Cell<(MissionStage, f64)>,
-    /// The module's calibration, once the pilot has asked for it.
-    calibration: Cell<Option<Calibration>>,
-    report_step: &'a mut dyn FnMut(&FlightStep),
-}
-
-impl StepReporter<'_> {
-    fn flight_step(&self, module: &impl Module) -> FlightStep {
-        let world = module.world();
-        let state = world.true_state(module.now_us());
-        let field = world.sensor_field(state.time_us);
-        let level_field = |applied: &Calibration| state.attitude().to_level_frame(applied.calibrated_field(field));
-        let error_deg = |applied: &Calibration| {
-            wrap_180(f64::from(level_field(applied).heading_rad().to_degrees()) - state.heading_deg())
-        };
-        let horizontal_ut = |applied: &Calibration| [level_field(applied).ut.x, level_field(applied).ut.y];
-        let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
-        let calibration = self.calibration.get();
-        let (stage, done) = self.progress.get();
-        FlightStep {
-            stage: stage.stage_name(),
-            done,
-            heading_deg: state.heading_deg(),
-            roll_deg: f64::from(state.attitude().roll_rad.to_degrees()),
-            measured_ut: horizontal_ut(&uncalibrated),
-            before_deg: error_deg(&uncalibrated),
-            corrected_ut: calibration.as_ref().map(horizontal_ut),
-            after_deg: calibration.as_ref().map(error_deg),
-        }
-    }
-}
-
-impl ModuleObserver for StepReporter<'_> {
-    fn time_advanced(&mut self, module: &impl Module) {
-        let step = self.flight_step(module);
-        (self.report_step)(&step);
-    }
-
-    fn output_taken(&self, text: &str) {
-        if let Some(shown_calibration) = transcript::parse_shown_calibration(text) {
-            self.calibration.set(Some(shown_calibration.calibration));
-        }
+/// State after a step, with the calibration that the module has by then.
+fn flight_step(step: &MissionStep<'_>, calibration: Option<Calibration>) -> FlightStep {
+    let state = step.world.true_state(step.now_us);
+    let field = step.world.sensor_field(state.time_us);
+    let level_field = |applied: &Calibration| state.attitude().to_level_frame(applied.calibrated_field(field));
+    let error_deg = |applied: &Calibration| {
+        wrap_180(f64::from(level_field(applied).heading_rad().to_degrees()) - state.heading_deg())
+    };
+    let horizontal_ut = |applied: &Calibration| [level_field(applied).ut.x, level_field(applied).ut.y];
+    let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
+    FlightStep {
+        stage: step.stage.stage_name(),
+        done: step.done,
+        heading_deg: state.heading_deg(),
+        roll_deg: f64::from(state.attitude().roll_rad.to_degrees()),
+        measured_ut: horizontal_ut(&uncalibrated),
+        before_deg: error_deg(&uncalibrated),
+        corrected_ut: calibration.as_ref().map(horizontal_ut),
+        after_deg: calibration.as_ref().map(error_deg),
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use log_analysis::log::{Gps, log_writers};
 use log_analysis::score::wrap_180;
-use simulator::module::{Module as _, ObservedModule};
+use simulator::module::Module as _;
 use simulator::recording::Recorder;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
@@ -16,18 +16,18 @@ use super::{compare_with_module, module_score};
 #[test]
 fn a_recorded_flight_has_its_position_and_true_headings() {
     let mut rig = Rig::new(WorldConfig::of_table1(1));
-    let recorder = Recorder::new(&rig);
-    let mut module = ObservedModule::new(&mut rig, recorder);
+    let mut recorder = Recorder::new(&rig);
     for heading_change_deg in [1440.0, -1440.0] {
-        module.world().append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
+        rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg });
     }
-    module.world().append_leg(Leg::Straight { heading_deg: 90.0, seconds: 60.0 });
+    rig.world.append_leg(Leg::Straight { heading_deg: 90.0, seconds: 60.0 });
     for _ in 0..300 {
-        module.run_for_s(1.0);
+        rig.run_for_s(1.0);
+        recorder.record_until(rig.now_us(), &rig.world);
     }
     for name in ["flight.bin", "flight.log", "flight.tlog", "flight.ulg", "flight.csv"] {
         let (flight, evaluation) =
-            compare_with_module(&log_writers::encode_for_path(Path::new(name), &module.observer.recording));
+            compare_with_module(&log_writers::encode_for_path(Path::new(name), &recorder.recording));
         let score = module_score(&evaluation.compasses[0]);
         assert!((score.mean_deg - 4.2).abs() < 0.5, "{name}: {score:?}");
         let (field, _) = evaluation.earth_field.unwrap();
@@ -43,7 +43,7 @@ fn a_recorded_flight_has_its_position_and_true_headings() {
         assert!(off_deg.abs() < 3.0, "{name}: {off_deg}");
     }
     assert!(
-        module.observer.recording.parameters.iter().any(|(name, _)| name == "COMPASS_OFS_X"),
+        recorder.recording.parameters.iter().any(|(name, _)| name == "COMPASS_OFS_X"),
         "it says that nothing is applied"
     );
 }

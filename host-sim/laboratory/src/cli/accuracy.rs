@@ -11,8 +11,9 @@ use serde_json::json;
 use simulator::world::aircraft::VehicleKind;
 
 use host_sim::command_failure::CommandFailure;
-use host_sim::option_parsers::{STUDIED_AIRCRAFT, integer_in_range, number_in_range, value_named_by};
+use host_sim::option_parsers::{integer_in_range, number_in_range, one_of};
 use host_sim::print::{self, append_wrapped, progress_bar, table_of};
+use log_analysis::numbers::json_name;
 
 /// Random airframes: heading error of each method relative to the Cramer-Rao bound, and accuracy of sigma.
 ///
@@ -28,10 +29,10 @@ use host_sim::print::{self, append_wrapped, progress_bar, table_of};
 #[command(after_help = "Example: lab bench accuracy --aircraft copter --airframes 5")]
 pub struct AccuracyOptions {
     /// Kind of aircraft
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = value_named_by(STUDIED_AIRCRAFT, VehicleKind::vehicle_name))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of::<VehicleKind>("plane|copter|vtol"))]
     aircraft: VehicleKind,
     /// Flight patterns, one row each [default: all three; for an aeroplane turns only, all of them solved]
-    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = value_named_by(&FlightPattern::ALL_PATTERNS, FlightPattern::pattern_name))]
+    #[arg(long = "pattern", value_name = "routine|mirrored|wandering", value_parser = one_of::<FlightPattern>("routine|mirrored|wandering"))]
     patterns: Vec<FlightPattern>,
     /// Duration of a flight, minutes, 1 to 120 [default: 3]
     #[arg(long, value_name = "MINUTES", value_parser = number_in_range(1.0, 120.0))]
@@ -148,7 +149,7 @@ fn run_whole_flights_study(
 
 fn format_flights(plan: AccuracyPlan, rows: &[FlightStudyRow]) -> String {
     let AccuracyPlan { airframe_count: airframes, noise_draws: draws, .. } = plan;
-    let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, row.pattern.pattern_name());
+    let name = |row: &FlightStudyRow| format!("{} {}", row.aircraft, json_name(row.pattern));
     let errors = table_of(
         rows,
         &[

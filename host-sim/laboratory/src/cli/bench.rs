@@ -84,7 +84,7 @@ pub fn run_speed(options: &SpeedOptions) -> Result<ExitCode, CommandFailure> {
         (method.method_name(), median((0..TIMED_SOLVES).map(|_| solve_time_ms(method, recording.fit_samples()))))
     });
     let start = Instant::now();
-    let mission_result = mission::fly_mission(WorldConfig::of_table1(1), mission::TurnPlan::default(), &mut |_, _| {});
+    let mission_result = mission::fly_mission(WorldConfig::of_table1(1), mission::TurnPlan::default(), &mut |_| {});
     let simulated_per_real = mission_result.duration_s / start.elapsed().as_secs_f64();
     if options.json {
         let solve_ms: serde_json::Map<_, _> =

@@ -13,14 +13,11 @@ use comfy_table::Table;
 use simulator::world::aircraft::VehicleKind;
 
 use host_sim::command_failure::CommandFailure;
-use host_sim::option_parsers::{STUDIED_AIRCRAFT, integer_in_range, named_value, value_named_by};
+use host_sim::option_parsers::{integer_in_range, named_value, one_of};
 use host_sim::print::{self, narrow_table, progress_bar, right_aligned, table_of, wrapped_table};
 use log_analysis::numbers::format_optional;
 
 const HEADING_KINDS: &[(&str, HeadingKind)] = &[("raw", HeadingKind::Raw), ("smooth", HeadingKind::Smooth)];
-
-const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
-    &[("mavlink", AttitudeProtocol::Mavlink), ("msp", AttitudeProtocol::Msp), ("msp-inav", AttitudeProtocol::MspInav)];
 
 /// Faults in flight and during calibration: fraction of wrong headings among those sent as good.
 ///
@@ -33,7 +30,7 @@ const ATTITUDE_PROTOCOLS: &[(&str, AttitudeProtocol)] =
 #[command(after_help = "Example: lab bench integrity --case moved-5 --flights 3")]
 pub struct IntegrityOptions {
     /// Kind of aircraft; a copter or a VTOL calibrates by its routine, and turns and accelerates in hover
-    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = value_named_by(STUDIED_AIRCRAFT, VehicleKind::vehicle_name))]
+    #[arg(long, default_value = "plane", value_name = "plane|copter|vtol", value_parser = one_of::<VehicleKind>("plane|copter|vtol"))]
     aircraft: VehicleKind,
     /// Flights of each case, 1 to 100000; the ten-hour case is flown once
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = integer_in_range(1_u64, 100_000))]
@@ -47,7 +44,7 @@ pub struct IntegrityOptions {
     cases: Vec<String>,
     /// Autopilot: MAVLink; ArduPilot by MSP, polled, in steps of 0.1 deg without body rates; or INAV by MSP, with
     /// body rates in steps of 1 deg/s
-    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = named_value(ATTITUDE_PROTOCOLS))]
+    #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = one_of::<AttitudeProtocol>("mavlink|msp|msp-inav"))]
     source: AttitudeProtocol,
     /// Attitude: the autopilot's, the module's own, or the autopilot's with own body rates (auto)
     #[arg(long, default_value = "autopilot", value_name = "autopilot|own|auto", value_parser = named_value(&AttitudeSource::NAMED_SOURCES))]

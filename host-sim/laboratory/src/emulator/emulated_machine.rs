@@ -62,12 +62,8 @@ pub enum MachineMessage {
 /// Input with which the machine continues.
 #[derive(Clone, Debug, Default)]
 pub struct StepInput {
-    /// Bytes for the console.
-    pub console_bytes: Vec<u8>,
-    /// Bytes for the autopilot port.
-    pub autopilot_bytes: Vec<u8>,
-    /// Bytes for the instrument port.
-    pub instrument_bytes: Vec<u8>,
+    /// Bytes for console, autopilot port and instrument port.
+    pub port_bytes: [Vec<u8>; 3],
     /// Whether the sensor's data wire is broken.
     pub is_sensor_wire_broken: bool,
     /// Test to be run by the bench image.
@@ -96,6 +92,9 @@ pub enum BenchTest {
     PanicAtStarts = 5,
 }
 
+/// Names of the machine's ports.
+const PORT_NAMES: [&str; 3] = ["console", "autopilot port", "instrument port"];
+
 /// Largest number of bytes per port and step.
 pub const MAX_STEP_BYTES: usize = 255;
 
@@ -103,9 +102,7 @@ pub const MAX_STEP_BYTES: usize = 255;
 pub struct EmulatedMachine {
     qemu: Qemu,
     qmp: Qmp,
-    console: LocalStream,
-    autopilot: LocalStream,
-    instrument: LocalStream,
+    ports: [LocalStream; 3],
     lockstep: LocalStream,
     /// Set by the caller to stop the machine.
     stop_flag: Arc<AtomicBool>,
@@ -129,16 +126,19 @@ impl EmulatedMachine {
         let child = qemu_command(image, &flash, &sockets).stderr(stderr).spawn().map_err(EmulatorError::NoQemu)?;
         let mut qemu = Qemu { child, log, stop_flag: Arc::clone(&stop_flag) };
         let [console, autopilot, lockstep, instrument, qmp] = &sockets;
-        let console = non_blocking(qemu.connect_socket("console", console)?)?;
-        let autopilot = non_blocking(qemu.connect_socket("autopilot port", autopilot)?)?;
-        let instrument = non_blocking(qemu.connect_socket("instrument port", instrument)?)?;
+        let mut connect_port = |index: usize, socket| -> Result<LocalStream, EmulatorError> {
+            let stream = qemu.connect_socket(PORT_NAMES[index], socket)?;
+            stream.set_nonblocking(true).map_err(|error| EmulatorError::Connection("port", error))?;
+            Ok(stream)
+        };
+        let ports = [connect_port(0, console)?, connect_port(1, autopilot)?, connect_port(2, instrument)?];
         let lockstep = qemu.connect_socket("lockstep", lockstep)?;
         lockstep.set_read_timeout(Some(POLL_PERIOD)).map_err(|error| EmulatorError::Connection("lockstep", error))?;
         let mut qmp = Qmp::new(qemu.connect_socket("machine protocol", qmp)?)?;
         // With an image for another machine QEMU may end before it answers.
         qmp.execute_commands(&[json!({ "execute": "cont" })])
             .map_err(|error| qemu.exit_error(EXIT_TIMEOUT).unwrap_or(error))?;
-        Ok(Self { qemu, qmp, console, autopilot, instrument, lockstep, stop_flag, _directory: directory })
+        Ok(Self { qemu, qmp, ports, lockstep, stop_flag, _directory: directory })
     }
 
     /// Waits for the machine's next message; returns it with the ticks since the last reset.
@@ -180,27 +180,19 @@ impl EmulatedMachine {
 
     /// Continues the machine. Each port receives at most 255 bytes; excess bytes are dropped.
     pub fn resume(&mut self, step_input: &StepInput) -> Result<(), EmulatorError> {
-        let send = |stream: &mut LocalStream, bytes: &[u8], socket_name| {
-            stream.write_all(bytes).map_err(|error| EmulatorError::Connection(socket_name, error))
-        };
-        let [console, autopilot, instrument] =
-            [&step_input.console_bytes, &step_input.autopilot_bytes, &step_input.instrument_bytes]
-                .map(|bytes| &bytes[..bytes.len().min(MAX_STEP_BYTES)]);
-        send(&mut self.console, console, "console")?;
-        send(&mut self.autopilot, autopilot, "autopilot port")?;
-        send(&mut self.instrument, instrument, "instrument port")?;
-        let message = [console.len() as u8, autopilot.len() as u8, instrument.len() as u8, step_input.step_flags()];
-        send(&mut self.lockstep, &message, "lockstep")
+        let mut message = Vec::new();
+        for ((stream, name), bytes) in self.ports.iter_mut().zip(PORT_NAMES).zip(&step_input.port_bytes) {
+            let bytes = &bytes[..bytes.len().min(MAX_STEP_BYTES)];
+            stream.write_all(bytes).map_err(|error| EmulatorError::Connection(name, error))?;
+            message.push(bytes.len() as u8);
+        }
+        message.push(step_input.step_flags());
+        self.lockstep.write_all(&message).map_err(|error| EmulatorError::Connection("lockstep", error))
     }
 
-    /// Bytes written to console, autopilot port and instrument port since the last call.
-    pub fn take_output(&mut self) -> Result<[Vec<u8>; 3], EmulatorError> {
-        Ok([
-            read_available(&mut self.console).map_err(|error| EmulatorError::Connection("console", error))?,
-            read_available(&mut self.autopilot).map_err(|error| EmulatorError::Connection("autopilot port", error))?,
-            read_available(&mut self.instrument)
-                .map_err(|error| EmulatorError::Connection("instrument port", error))?,
-        ])
+    /// Bytes that a port has written since the last call.
+    pub fn take_output(&mut self, port: usize) -> Result<Vec<u8>, EmulatorError> {
+        read_available(&mut self.ports[port]).map_err(|error| EmulatorError::Connection(PORT_NAMES[port], error))
     }
 
     /// Resets the machine.
@@ -281,11 +273,6 @@ fn qemu_command(image: &Path, flash: &Path, [console, autopilot, lockstep, instr
         command.arg("-serial").arg(format!("unix:{},server=on,wait=off", socket.display()));
     }
     command
-}
-
-fn non_blocking(stream: LocalStream) -> Result<LocalStream, EmulatorError> {
-    stream.set_nonblocking(true).map_err(|error| EmulatorError::Connection("port", error))?;
-    Ok(stream)
 }
 
 /// Fills `bytes` from a stream within [`REPLY_TIMEOUT`] and until `stop_flag` is set; the stream has a short read

@@ -32,14 +32,11 @@ const NOISE_UT: f64 = 0.2;
 pub struct Emulator {
     simulation: Simulation,
     world: World,
-    console: HostEnd,
-    autopilot: HostEnd,
-    instrument: HostEnd,
+    /// Cables of console, autopilot port and instrument port, and their ends at the machine.
+    cables: [HostEnd; 3],
+    wires: [MachinePort; 3],
     /// Devices at the ports.
     pub port_devices: [AttachedDevice; PORT_COUNT],
-    console_wire: MachinePort,
-    autopilot_wire: MachinePort,
-    instrument_wire: MachinePort,
     machine: EmulatedMachine,
     noise: RandomStream,
     last_field_update_us: Option<u64>,
@@ -82,24 +79,20 @@ impl Emulator {
     ) -> Result<Self, EmulatorError> {
         let mut simulation = Simulation::new();
         let world = World::new(config);
-        let cable =
-            || SerialCable::new(CableConfig { wake_condition: WakeCondition::EachByte, ..CableConfig::default() });
-        let [console_cable, autopilot_cable, instrument_cable] = [(); 3].map(|()| cable());
-        let [console, autopilot, instrument] =
-            [&console_cable, &autopilot_cable, &instrument_cable].map(SerialCable::host_end);
+        let serial_cables = [(); 3].map(|()| {
+            SerialCable::new(CableConfig { wake_condition: WakeCondition::EachByte, ..CableConfig::default() })
+        });
+        let cables = serial_cables.each_ref().map(SerialCable::host_end);
+        let [_, autopilot, instrument] = &cables;
         let port_devices = [
             port_1_device.attach_device(&mut simulation, &world, autopilot.clone(), vec![]),
             port_2_device.attach_device(&mut simulation, &world, instrument.clone(), vec![]),
         ];
         Ok(Self {
-            console_wire: MachinePort::new(&console_cable, &mut simulation),
-            autopilot_wire: MachinePort::new(&autopilot_cable, &mut simulation),
-            instrument_wire: MachinePort::new(&instrument_cable, &mut simulation),
+            wires: serial_cables.each_ref().map(|cable| MachinePort::new(cable, &mut simulation)),
             simulation,
             world,
-            console,
-            autopilot,
-            instrument,
+            cables,
             port_devices,
             machine: EmulatedMachine::start_qemu(image, stop)?,
             noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
@@ -148,10 +141,9 @@ impl Emulator {
             return Ok(());
         }
         self.advance_world(ticks / TICKS_PER_US);
-        let [console, autopilot, instrument] = self.machine.take_output()?;
-        self.console_wire.send_to_cable(&console);
-        self.autopilot_wire.send_to_cable(&autopilot);
-        self.instrument_wire.send_to_cable(&instrument);
+        for (port, wire) in self.wires.iter().enumerate() {
+            wire.send_to_cable(&self.machine.take_output(port)?);
+        }
         match message {
             MachineMessage::Written => {
                 self.sample_path.on_output(ticks);
@@ -168,9 +160,7 @@ impl Emulator {
             MachineMessage::Started | MachineMessage::Step => {}
         }
         let step_input = StepInput {
-            console_bytes: self.console_wire.take_bytes_for_machine(),
-            autopilot_bytes: self.autopilot_wire.take_bytes_for_machine(),
-            instrument_bytes: self.instrument_wire.take_bytes_for_machine(),
+            port_bytes: self.wires.each_ref().map(MachinePort::take_bytes_for_machine),
             is_sensor_wire_broken: self.is_sensor_wire_broken,
             bench_test: self.requested_bench_test.take(),
         };
@@ -209,15 +199,15 @@ impl Module for Emulator {
     }
 
     fn console_cable(&self) -> &HostEnd {
-        &self.console
+        &self.cables[0]
     }
 
     fn autopilot_cable(&self) -> &HostEnd {
-        &self.autopilot
+        &self.cables[1]
     }
 
     fn instrument_cable(&self) -> &HostEnd {
-        &self.instrument
+        &self.cables[2]
     }
 
     fn now_us(&self) -> u64 {

@@ -13,6 +13,7 @@ use autoswing::attitude::AttitudeSource;
 use autoswing_firmware::wire::dronecan::CanFrame;
 use autoswing_firmware::wire::mavlink::{InboundMessage, MavlinkReceiver};
 use autoswing_firmware::wire::msp;
+use serde::Deserialize;
 use simulator::devices::can::{CanEnd, CanFaults, SimulatedCanBus};
 use simulator::devices::uart::HostEnd;
 use simulator::module::Module as _;
@@ -60,7 +61,8 @@ pub const AUTOPILOT_PORT: usize = 1;
 pub const INSTRUMENT_PORT: usize = 2;
 
 /// Source of the module's attitude.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum AttitudeProvider {
     /// The simulator, except while an external autopilot at the autopilot port sends attitude.
     #[default]

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::{FromStr, SplitWhitespace};
 
+use host_sim::option_parsers::value_of_name;
+use serde::{Deserialize, Serialize};
 use simulator::random::RandomStream;
 use simulator::routine::{CalibrationRoutine, TurnPlan, random_leg};
 use simulator::world::aircraft::VehicleKind;
@@ -128,9 +130,15 @@ impl FromStr for PilotCommand {
         let mut arguments = line.split_whitespace();
         let word = arguments.next().unwrap_or_default();
         let command = match word.to_ascii_lowercase().as_str() {
-            "turn" => {
-                Self::Turn { bank_deg: parse_bank(&mut arguments)?, change_deg: parse_heading_change(&mut arguments)? }
-            }
+            "turn" => Self::Turn {
+                bank_deg: parse_angle(&mut arguments, "BANK", 60.0, "a bank is 1 to 60 deg, either way")?,
+                change_deg: parse_angle(
+                    &mut arguments,
+                    "DEG",
+                    3600.0,
+                    "a turn goes through 1 to 3600 deg, either way",
+                )?,
+            },
             "level" => Self::Level { seconds: parse_seconds(&mut arguments)? },
             "heading" => {
                 let heading_deg =
@@ -148,23 +156,16 @@ impl FromStr for PilotCommand {
     }
 }
 
-fn parse_bank(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let bank_deg = parse_number_in_range(arguments, "BANK", -60.0..=60.0, BANK_RANGE_TEXT)?;
-    if bank_deg.abs() >= 1.0 { Ok(bank_deg) } else { Err(PilotCommandError::OutOfRange(BANK_RANGE_TEXT)) }
+/// Parses an angle of at least one degree, either way.
+fn parse_angle(
+    arguments: &mut SplitWhitespace<'_>,
+    name: &'static str,
+    max_deg: f64,
+    range_text: &'static str,
+) -> Result<f64, PilotCommandError> {
+    let angle_deg = parse_number_in_range(arguments, name, -max_deg..=max_deg, range_text)?;
+    if angle_deg.abs() >= 1.0 { Ok(angle_deg) } else { Err(PilotCommandError::OutOfRange(range_text)) }
 }
-
-const BANK_RANGE_TEXT: &str = "a bank is 1 to 60 deg, either way";
-
-fn parse_heading_change(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
-    let heading_change_deg = parse_number_in_range(arguments, "DEG", -3600.0..=3600.0, TURN_RANGE_TEXT)?;
-    if heading_change_deg.abs() >= 1.0 {
-        Ok(heading_change_deg)
-    } else {
-        Err(PilotCommandError::OutOfRange(TURN_RANGE_TEXT))
-    }
-}
-
-const TURN_RANGE_TEXT: &str = "a turn goes through 1 to 3600 deg, either way";
 
 fn parse_seconds(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotCommandError> {
     parse_number_in_range(arguments, "S", 0.1..=3600.0, "a time is 0.1 to 3600 s")
@@ -172,8 +173,8 @@ fn parse_seconds(arguments: &mut SplitWhitespace<'_>) -> Result<f64, PilotComman
 
 fn parse_pattern(arguments: &mut SplitWhitespace<'_>) -> Result<PilotPattern, PilotCommandError> {
     let name = arguments.next().ok_or(PilotCommandError::Missing("NAME"))?;
-    PilotPattern::from_name(&name.to_ascii_lowercase())
-        .ok_or(PilotCommandError::BadValue("routine, circles, wandering or level"))
+    value_of_name(&name.to_ascii_lowercase())
+        .map_err(|_| PilotCommandError::BadValue("routine, circles, wandering or level"))
 }
 
 fn parse_number_in_range(
@@ -189,7 +190,8 @@ fn parse_number_in_range(
 }
 
 /// Flight pattern without commands.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum PilotPattern {
     /// Calibration routine of the vehicle, then 30 s straight.
     #[default]
@@ -203,26 +205,6 @@ pub enum PilotPattern {
 }
 
 impl PilotPattern {
-    /// All patterns.
-    pub const ALL_PATTERNS: [Self; 4] = [Self::Routine, Self::Circles, Self::Wandering, Self::Level];
-
-    /// Name on the command line.
-    #[must_use]
-    pub const fn pattern_name(self) -> &'static str {
-        match self {
-            Self::Routine => "routine",
-            Self::Circles => "circles",
-            Self::Wandering => "wandering",
-            Self::Level => "level",
-        }
-    }
-
-    /// The pattern with this name, if any.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL_PATTERNS.into_iter().find(|pattern| pattern.pattern_name() == name)
-    }
-
     /// Legs of one repetition; empty for level flight.
     pub(super) fn legs(self, vehicle_kind: VehicleKind, heading_deg: f64, random: &mut RandomStream) -> Vec<Leg> {
         let straight = Leg::Straight { heading_deg, seconds: 30.0 };

@@ -10,13 +10,13 @@
 
 use std::io::{self, Read};
 
-use mavlink_dialect::{MavMessage, MavlinkVersion, Message as _};
+use mavlink_dialect::{MavMessage, Message as _};
 use serde_json::{Map, Value};
 
 use super::dataflash::{LogMessage, MESSAGES_TO_READ, ardupilot_builder, record_message};
 use super::flight::{LogFormat, LoggedFlight};
 use super::read_window::ReadWindow;
-use super::tlog::{LogFrame, TlogReader};
+use super::tlog::{Origin, TlogReader};
 
 /// Sender of messages without a source, as written without `--show-source`.
 const UNKNOWN_SENDER: [u8; 2] = [1, 1];
@@ -24,9 +24,8 @@ const UNKNOWN_SENDER: [u8; 2] = [1, 1];
 /// A decoded message.
 struct DecodedMessage {
     name: String,
-    /// Time of reception, microseconds of any epoch.
-    received_us: u64,
-    sender: [u8; 2],
+    /// Its time is of any epoch.
+    origin: Origin,
     fields: Map<String, Value>,
 }
 
@@ -90,14 +89,7 @@ fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage) {
         .unwrap_or(0.0)
     };
     let Some(decoded) = MavMessage::from_numbers(&message.name, number_at) else { return };
-    let mut payload = [0; 255];
-    let length = decoded.ser(MavlinkVersion::V2, &mut payload);
-    log.record_frame(&LogFrame::of_payload(
-        message.received_us,
-        message.sender,
-        decoded.message_id(),
-        &payload[..length],
-    ));
+    log.record_message(message.origin, &decoded);
 }
 
 /// Message of a line; `None` of any other line. `columns` are those of a table, by its first line.
@@ -141,7 +133,7 @@ fn parse_json(line: &str) -> Option<DecodedMessage> {
     let sender = [id("srcSystem", UNKNOWN_SENDER[0]), id("srcComponent", UNKNOWN_SENDER[1])];
     let received_us = meta.get("timestamp").and_then(Value::as_f64).map_or(0, |stamp_s| (stamp_s * 1e6) as u64);
     let Value::Object(fields) = message.get_mut("data")?.take() else { return None };
-    Some(DecodedMessage { name, received_us, sender, fields })
+    Some(DecodedMessage { name, origin: Origin { received_us, sender }, fields })
 }
 
 /// A line such as `2026-11-27 10:00:01.50: ATT {TimeUS : 1500000, Roll : 0.1} srcSystem=1 srcComponent=1`.
@@ -155,7 +147,7 @@ fn parse_text(line: &str) -> Option<DecodedMessage> {
         _ => UNKNOWN_SENDER,
     };
     let (name, received_us) = (name.to_owned(), stamp_us(stamp)?);
-    Some(DecodedMessage { name, received_us, sender, fields: parse_fields(fields) })
+    Some(DecodedMessage { name, origin: Origin { received_us, sender }, fields: parse_fields(fields) })
 }
 
 /// Microseconds of `2026-11-27 10:00:01.50`, whose months count 31 days: only differences of seconds matter.
@@ -206,5 +198,6 @@ fn parse_row(line: &str, columns: &[String]) -> Option<DecodedMessage> {
         fields.insert(field.to_owned(), parse_value(value));
         name = Some(message);
     }
-    Some(DecodedMessage { name: name?.to_owned(), received_us, sender: UNKNOWN_SENDER, fields })
+    let origin = Origin { received_us, sender: UNKNOWN_SENDER };
+    Some(DecodedMessage { name: name?.to_owned(), origin, fields })
 }

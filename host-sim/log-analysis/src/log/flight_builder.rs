@@ -204,8 +204,8 @@ impl FlightBuilder {
     /// Sorts all series and undoes the autopilot's corrections.
     pub fn finish_flight(mut self) -> LoggedFlight {
         let flight = &mut self.flight;
-        flight.skipped_counts.bad_times += self.timeline.rejected_stamp_count();
-        flight.skipped_counts.restarts = self.timeline.restart_count();
+        flight.skipped_counts.bad_times += self.timeline.rejected_stamp_count;
+        flight.skipped_counts.restarts = self.timeline.restart_count;
         replace_attitude(flight, std::mem::take(&mut self.fallback_attitudes));
         let attitude_repeats = flight.attitude.sort_and_dedup();
         drop_attitude_spikes(&mut flight.attitude);

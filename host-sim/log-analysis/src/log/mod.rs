@@ -329,22 +329,20 @@ fn check_flight(flight: LoggedFlight, system: Option<u8>) -> Result<LoggedFlight
 
 /// Formats that are known and not read: position and bytes that they begin with, and what to do instead.
 const UNREAD_FORMATS: [(usize, &[u8], &str); 7] = [
-    (0, b"#ROSBAG", "a ROS bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg"),
-    (
-        0,
-        b"\x89MCAP0\r\n",
-        "a ROS 2 bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg",
-    ),
-    (
-        0,
-        b"SQLite format 3",
-        "a ROS 2 bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg",
-    ),
-    (0, b"MATLAB 5.0 MAT-file", "a MATLAB file is not read: give the log that it was made of"),
-    (0, b"MATLAB 7.3 MAT-file", "a MATLAB file is not read: give the log that it was made of"),
-    (16, b"BUILD", "DJI's flight recorder is not read: its aircraft take no compass parameters"),
-    (0, b"Clock:Tick#", "DJI's flight recorder is not read: its aircraft take no compass parameters"),
+    (0, b"#ROSBAG", ROS_ADVICE),
+    (0, b"\x89MCAP0\r\n", ROS_2_ADVICE),
+    (0, b"SQLite format 3", ROS_2_ADVICE),
+    (0, b"MATLAB 5.0 MAT-file", MATLAB_ADVICE),
+    (0, b"MATLAB 7.3 MAT-file", MATLAB_ADVICE),
+    (16, b"BUILD", DJI_ADVICE),
+    (0, b"Clock:Tick#", DJI_ADVICE),
 ];
+
+const ROS_ADVICE: &str = "a ROS bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg";
+const ROS_2_ADVICE: &str =
+    "a ROS 2 bag is not read: write a table with the columns t_s, mx, my, mz, roll_deg, pitch_deg";
+const MATLAB_ADVICE: &str = "a MATLAB file is not read: give the log that it was made of";
+const DJI_ADVICE: &str = "DJI's flight recorder is not read: its aircraft take no compass parameters";
 
 fn detect_format(first_bytes: &[u8]) -> Result<LogFormat, LogError> {
     let text = || first_bytes.split(|&byte| byte == b'\n').take(100);

@@ -2,6 +2,8 @@
 
 use autoswing::frames::wrap_pi;
 
+use crate::numbers::{median, quantile};
+
 /// Largest number of rows: 3 MB at six values a row, and 130 MB for the whole analysis of three compasses. Every second
 /// row is dropped, repeatedly, while at least 10 Hz remain; then every second part of the flight.
 const MAX_ROWS: usize = 3 << 15;
@@ -90,9 +92,7 @@ impl<const N: usize> Series<N> {
     /// Drops every second part at a low rate, else every second row; rows also if a single part exceeds three quarters
     /// of the limit.
     fn thin_rows(&mut self) {
-        let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()).collect();
-        let middle_index = steps_s.len() / 2;
-        let step_s = *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1;
+        let step_s = median(self.rows.windows(2).map(|pair| (pair[1].t_s - pair[0].t_s).abs()));
         if step_s * self.thinning.min_row_thinning_rate_hz >= 1.0 && self.part_stride_log2 < 40 {
             self.part_stride_log2 += 1;
             let part_stride_log2 = self.part_stride_log2;
@@ -188,9 +188,7 @@ impl<const N: usize> Series<N> {
     /// Median interval between rows, seconds.
     #[must_use]
     pub fn median_step_s(&self) -> Option<f64> {
-        let mut steps_s: Vec<f64> = self.rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-        let middle_index = steps_s.len() / 2;
-        (!steps_s.is_empty()).then(|| *steps_s.select_nth_unstable_by(middle_index, f64::total_cmp).1)
+        quantile(self.rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s), 0.5)
     }
 }
 

@@ -19,8 +19,8 @@ pub struct Timeline {
     unconfirmed_us: Option<u64>,
     /// Flight time at which the log's present clock reads zero, seconds; zero until a restart.
     offset_s: f64,
-    restarts: u32,
-    rejected_stamp_count: u64,
+    pub restart_count: u32,
+    pub rejected_stamp_count: u64,
 }
 
 impl Timeline {
@@ -46,7 +46,7 @@ impl Timeline {
             // The pending time stamp was counted as rejected, but the present one confirms it.
             self.rejected_stamp_count -= 1;
             if clock_us < newest_us {
-                self.restarts += 1;
+                self.restart_count += 1;
                 self.offset_s += seconds_from_us(newest_us) - seconds_from_us(clock_us) + RESTART_GAP_S;
             }
             self.newest_us = Some(clock_us);
@@ -66,16 +66,6 @@ impl Timeline {
     #[must_use]
     pub const fn has_accepted_stamp(&self) -> bool {
         self.newest_us.is_some()
-    }
-
-    #[must_use]
-    pub const fn restart_count(&self) -> u32 {
-        self.restarts
-    }
-
-    #[must_use]
-    pub const fn rejected_stamp_count(&self) -> u64 {
-        self.rejected_stamp_count
     }
 }
 
@@ -98,7 +88,7 @@ mod tests {
         for (at_s, expected) in placed.iter().zip([100.0, 101.0, 100.5, 98.1, 130.0]) {
             assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
         }
-        assert_eq!((line.restart_count(), line.rejected_stamp_count()), (0, 0));
+        assert_eq!((line.restart_count, line.rejected_stamp_count), (0, 0));
     }
 
     #[test]
@@ -107,7 +97,7 @@ mod tests {
             let (placed, line) = placed_times(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
             assert_eq!(placed[2], None);
             assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
-            assert_eq!((line.restart_count(), line.rejected_stamp_count()), (0, 1));
+            assert_eq!((line.restart_count, line.rejected_stamp_count), (0, 1));
         }
     }
 
@@ -116,13 +106,13 @@ mod tests {
     fn a_clock_since_1970_is_one() {
         let (placed, line) = placed_times(&[1.71e9, 1.71e9 + 0.5]);
         assert!((placed[1].unwrap() - placed[0].unwrap() - 0.5).abs() < 1e-6, "{placed:?}");
-        assert_eq!(line.rejected_stamp_count(), 0);
+        assert_eq!(line.rejected_stamp_count, 0);
     }
 
     #[test]
     fn time_continues_ten_seconds_after_a_restart() {
         let (placed, line) = placed_times(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
-        assert_eq!(line.restart_count(), 1);
+        assert_eq!(line.restart_count, 1);
         assert_eq!(placed[3], None, "one stamp alone is no restart");
         assert!((placed[4].unwrap() - 130.1).abs() < 1e-9 && (placed[5].unwrap() - 130.2).abs() < 1e-9, "{placed:?}");
     }
@@ -133,7 +123,7 @@ mod tests {
         assert_eq!(placed[1], None);
         assert!((placed[3].unwrap() - 500.2).abs() < 1e-9, "{placed:?}");
         assert_eq!(
-            (line.restart_count(), line.rejected_stamp_count()),
+            (line.restart_count, line.rejected_stamp_count),
             (0, 0),
             "a stamp that a second one confirms is not rejected"
         );

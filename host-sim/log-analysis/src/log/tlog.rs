@@ -7,13 +7,14 @@
 use std::io::{self, Read};
 
 use mavlink_dialect::{
-    MavMessage, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA, SERVO_OUTPUT_RAW_DATA, calculate_crc,
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavParamType, MavlinkVersion, Message, PARAM_VALUE_DATA,
+    SCALED_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SERVO_OUTPUT_RAW_DATA, calculate_crc,
 };
 
 use super::compass_slot::UnknownSlot;
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
-use super::load::{LoadRows, LoadSource};
+use super::load::LoadSource;
 use super::read_window::ReadWindow;
 use super::time_series::Series;
 
@@ -81,8 +82,10 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Logged
         }
         let frame = LogFrame::parse_first_frame(bytes, clock_length);
         let length = if let Some(frame) = frame {
-            if frame.is_checksum_valid {
-                log.record_frame(&frame);
+            if frame.is_checksum_valid
+                && let Ok(message) = MavMessage::parse(frame.version, frame.message_id, frame.payload)
+            {
+                log.record_message(frame.origin, &message);
             }
             frame.total_len
         } else {
@@ -94,11 +97,18 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Logged
     Ok(log.finish_flight())
 }
 
-pub(super) struct LogFrame<'a> {
+/// Sender of a message, and when it arrived.
+#[derive(Clone, Copy)]
+pub(super) struct Origin {
     /// Receiver's clock, microseconds since 1970; zero if absent.
-    received_us: u64,
+    pub received_us: u64,
+    /// System and component.
+    pub sender: [u8; 2],
+}
+
+struct LogFrame<'a> {
+    origin: Origin,
     version: MavlinkVersion,
-    sender: [u8; 2],
     message_id: u32,
     is_checksum_valid: bool,
     payload: &'a [u8],
@@ -106,19 +116,6 @@ pub(super) struct LogFrame<'a> {
 }
 
 impl<'a> LogFrame<'a> {
-    /// Frame with a payload of MAVLink 2.
-    pub const fn of_payload(received_us: u64, sender: [u8; 2], message_id: u32, payload: &'a [u8]) -> Self {
-        Self {
-            received_us,
-            version: MavlinkVersion::V2,
-            sender,
-            message_id,
-            is_checksum_valid: true,
-            payload,
-            total_len: payload.len(),
-        }
-    }
-
     /// Parses the frame at the start of `bytes`, after `clock_length` bytes of the receiver's clock.
     fn parse_first_frame(bytes: &'a [u8], clock_length: usize) -> Option<Self> {
         let (received, frame) = bytes.split_at_checked(clock_length)?;
@@ -146,9 +143,8 @@ impl<'a> LogFrame<'a> {
         let received_us = received.first_chunk().map_or(0, |clock_length| u64::from_be_bytes(*clock_length));
         let payload = &frame[header..payload_end];
         (is_checksum_valid || is_followed()).then_some(Self {
-            received_us,
+            origin: Origin { received_us, sender },
             version,
-            sender,
             message_id,
             is_checksum_valid,
             payload,
@@ -157,19 +153,11 @@ impl<'a> LogFrame<'a> {
     }
 }
 
-const HEARTBEAT_ID: u32 = 0;
-
-/// The autopilot (`MAV_AUTOPILOT`) of a heartbeat; none of other messages and components.
-fn autopilot_of_heartbeat(frame: &LogFrame<'_>) -> Option<u8> {
-    const INVALID_AUTOPILOT: u8 = 8;
+/// Whether this is the heartbeat of an autopilot.
+fn is_of_autopilot(heartbeat: &HEARTBEAT_DATA) -> bool {
     // MAV_TYPE: ground station, onboard controller, gimbal, ADS-B, camera. Some report a generic autopilot.
     const NON_VEHICLE_TYPES: [u8; 5] = [6, 18, 26, 27, 30];
-    let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
-    let is_autopilot = frame.message_id == HEARTBEAT_ID
-        && frame.is_checksum_valid
-        && byte(5) != INVALID_AUTOPILOT
-        && !NON_VEHICLE_TYPES.contains(&byte(4));
-    is_autopilot.then(|| byte(5))
+    heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID && !NON_VEHICLE_TYPES.contains(&heartbeat.mavtype.0)
 }
 
 #[derive(Default)]
@@ -194,36 +182,33 @@ impl TlogReader {
         Self { builder: FlightBuilder::new(LogFormat::TLog), requested_system, ..Self::default() }
     }
 
-    pub fn record_frame(&mut self, frame: &LogFrame<'_>) {
-        let [system, _] = frame.sender;
-        if self.autopilot_ids.is_some_and(|selected| selected != frame.sender)
+    pub fn record_message(&mut self, origin: Origin, message: &MavMessage) {
+        let [system, _] = origin.sender;
+        if self.autopilot_ids.is_some_and(|selected| selected != origin.sender)
             || self.requested_system.is_some_and(|requested| requested != system)
         {
             self.builder.flight.skipped_counts.other_system_messages += 1;
-            self.record_other_vehicle(frame, autopilot_of_heartbeat(frame));
+            if matches!(message, MavMessage::HEARTBEAT(heartbeat) if is_of_autopilot(heartbeat)) {
+                self.record_other_vehicle(origin.sender);
+            }
             return;
         }
-        if frame.message_id == HEARTBEAT_ID {
-            self.process_heartbeat(frame);
-        } else if let Ok(message) = MavMessage::parse(frame.version, frame.message_id, frame.payload) {
-            match message {
-                _ if self.autopilot_ids.is_some() => self.process_message(frame, &message),
-                MavMessage::PARAM_VALUE(payload) if self.early_parameters.len() < MAX_EARLY_PARAMETERS => {
-                    self.early_parameters.push((frame.sender, payload));
-                }
-                // Ignored until the first heartbeat identifies the autopilot.
-                _ => {}
+        match message {
+            MavMessage::HEARTBEAT(heartbeat) => self.process_heartbeat(origin, heartbeat),
+            _ if self.autopilot_ids.is_some() => {
+                self.process_message(origin, message);
             }
+            MavMessage::PARAM_VALUE(payload) if self.early_parameters.len() < MAX_EARLY_PARAMETERS => {
+                self.early_parameters.push((origin.sender, payload.clone()));
+            }
+            // Ignored until the first heartbeat identifies the autopilot.
+            _ => {}
         }
     }
 
     /// Notes the id of another vehicle, or of a second autopilot of the same system, for the flight's lists.
-    fn record_other_vehicle(&mut self, frame: &LogFrame<'_>, autopilot: Option<u8>) {
-        let [system, component] = frame.sender;
+    fn record_other_vehicle(&mut self, [system, component]: [u8; 2]) {
         let is_own = self.autopilot_ids.is_some_and(|[selected_system, _]| selected_system == system);
-        if autopilot.is_none() {
-            return;
-        }
         if is_own && !self.other_components.contains(&component) {
             self.other_components.push(component);
         } else if !is_own && !self.other_systems.contains(&system) {
@@ -231,33 +216,31 @@ impl TlogReader {
         }
     }
 
-    fn process_heartbeat(&mut self, frame: &LogFrame<'_>) {
-        const MAV_AUTOPILOT_ARDUPILOT: u8 = 3;
-        const MAV_AUTOPILOT_PX4: u8 = 12;
-        const ARMED_FLAG: u8 = 0x80;
+    fn process_heartbeat(&mut self, origin: Origin, heartbeat: &HEARTBEAT_DATA) {
         // MAV_TYPE: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-, decarotor.
         const ROTORCRAFT_TYPES: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
-        let byte = |payload_index: usize| frame.payload.get(payload_index).copied().unwrap_or(0);
-        let mode = byte(6);
-        let Some(autopilot) = autopilot_of_heartbeat(frame) else { return };
+        if !is_of_autopilot(heartbeat) {
+            return;
+        }
         if self.autopilot_ids.is_none() {
-            self.autopilot_ids = Some(frame.sender);
-            self.builder.flight.is_copter = ROTORCRAFT_TYPES.contains(&byte(4));
-            self.builder.flight.autopilot = match autopilot {
-                MAV_AUTOPILOT_ARDUPILOT => AutopilotKind::ArduPilot,
-                MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
+            self.autopilot_ids = Some(origin.sender);
+            self.builder.flight.is_copter = ROTORCRAFT_TYPES.contains(&heartbeat.mavtype.0);
+            self.builder.flight.autopilot = match heartbeat.autopilot {
+                MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => AutopilotKind::ArduPilot,
+                MavAutopilot::MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
                 _ => AutopilotKind::Unknown,
             };
             let early = std::mem::take(&mut self.early_parameters);
             early
                 .iter()
-                .filter(|(sender, _)| *sender == frame.sender)
+                .filter(|(sender, _)| *sender == origin.sender)
                 .for_each(|(_, payload)| self.record_parameter(payload));
         }
-        if let Some(t_s) = self.receiver_time_s(frame) {
-            self.builder.push_armed_report(t_s, mode & ARMED_FLAG != 0);
-            // The mode is the first field, of four bytes; ArduPlane's numbers fit into the lowest.
-            self.builder.flight_modes.push_row(t_s, [f32::from(byte(0))]);
+        if let Some(t_s) = self.receiver_time_s(origin) {
+            let is_armed = heartbeat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+            self.builder.push_armed_report(t_s, is_armed);
+            // ArduPlane's numbers fit into the lowest byte.
+            self.builder.flight_modes.push_row(t_s, [f32::from(heartbeat.custom_mode as u8)]);
         }
     }
 
@@ -288,105 +271,52 @@ impl TlogReader {
         }
     }
 
-    fn process_message(&mut self, frame: &LogFrame<'_>, message: &MavMessage) {
+    /// Reads a message of the autopilot; `None` if it has no usable time.
+    fn process_message(&mut self, origin: Origin, message: &MavMessage) -> Option<()> {
+        let is_px4 = self.builder.flight.autopilot == AutopilotKind::Px4;
         match message {
             MavMessage::ATTITUDE(payload) => {
-                if let Some(t_s) = self.sender_time_s(frame, u64::from(payload.time_boot_ms) * 1000) {
-                    self.builder.push_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
-                    self.builder.push_rates(t_s, [payload.rollspeed, payload.pitchspeed, payload.yawspeed]);
-                }
+                let t_s = self.sender_time_s(origin, u64::from(payload.time_boot_ms) * 1000)?;
+                self.builder.push_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
+                self.builder.push_rates(t_s, [payload.rollspeed, payload.pitchspeed, payload.yawspeed]);
             }
-            MavMessage::RAW_IMU(payload) if self.builder.flight.autopilot != AutopilotKind::Px4 => {
-                self.record_field(frame, 1, payload.time_usec, [payload.xmag, payload.ymag, payload.zmag]);
+            MavMessage::RAW_IMU(payload) if !is_px4 => {
+                self.record_field(origin, 1, payload.time_usec, [payload.xmag, payload.ymag, payload.zmag]);
             }
-            MavMessage::SCALED_IMU(payload) if self.builder.flight.autopilot == AutopilotKind::Px4 => {
-                self.record_field(
-                    frame,
-                    1,
-                    u64::from(payload.time_boot_ms) * 1000,
-                    [payload.xmag, payload.ymag, payload.zmag],
-                );
+            MavMessage::SCALED_IMU(SCALED_IMU_DATA { time_boot_ms, xmag, ymag, zmag, .. }) if is_px4 => {
+                self.record_field(origin, 1, u64::from(*time_boot_ms) * 1000, [*xmag, *ymag, *zmag]);
             }
-            MavMessage::SCALED_IMU2(payload) => {
-                self.record_field(
-                    frame,
-                    2,
-                    u64::from(payload.time_boot_ms) * 1000,
-                    [payload.xmag, payload.ymag, payload.zmag],
-                );
+            MavMessage::SCALED_IMU2(SCALED_IMU2_DATA { time_boot_ms, xmag, ymag, zmag, .. }) => {
+                self.record_field(origin, 2, u64::from(*time_boot_ms) * 1000, [*xmag, *ymag, *zmag]);
             }
-            MavMessage::SCALED_IMU3(payload) => {
-                self.record_field(
-                    frame,
-                    3,
-                    u64::from(payload.time_boot_ms) * 1000,
-                    [payload.xmag, payload.ymag, payload.zmag],
-                );
+            MavMessage::SCALED_IMU3(SCALED_IMU3_DATA { time_boot_ms, xmag, ymag, zmag, .. }) => {
+                self.record_field(origin, 3, u64::from(*time_boot_ms) * 1000, [*xmag, *ymag, *zmag]);
             }
-            MavMessage::HIGHRES_IMU(payload) => {
-                if has_field_update(payload.fields_updated.bits())
-                    && let Some(t_s) = self.sender_time_s(frame, payload.time_usec)
-                {
-                    let field_ut = [payload.xmag, payload.ymag, payload.zmag].map(|gauss| gauss * UT_PER_GAUSS);
-                    self.builder.push_field(1, self.field_processing(), t_s, field_ut, None);
-                }
-            }
-            MavMessage::GPS_RAW_INT(payload) => {
-                if payload.fix_type.0 >= 3
-                    && let Some(t_s) = self.receiver_time_s(frame)
-                {
-                    self.builder.push_gps(t_s, gps_from_message(payload));
-                }
-            }
-            MavMessage::GPS2_RAW(payload) => {
-                if payload.fix_type.0 >= 3
-                    && let Some(t_s) = self.receiver_time_s(frame)
-                {
-                    self.builder.push_other_receiver_yaw(1, t_s, yaw_deg_from_message(payload.yaw));
-                }
-            }
-            MavMessage::SYS_STATUS(payload) => {
-                // -1 means no measurement.
-                if payload.current_battery != -1
-                    && let Some(t_s) = self.receiver_time_s(frame)
-                {
-                    self.builder.push_current(t_s, f32::from(payload.current_battery) * 0.01);
-                }
-            }
-            MavMessage::BATTERY_STATUS(_)
-            | MavMessage::ESC_STATUS(_)
-            | MavMessage::ESC_TELEMETRY_1_TO_4(_)
-            | MavMessage::ESC_TELEMETRY_5_TO_8(_)
-            | MavMessage::SERVO_OUTPUT_RAW(_)
-            | MavMessage::VFR_HUD(_) => {
-                if let Some(t_s) = self.receiver_time_s(frame) {
-                    record_loads(&mut self.builder.loads, t_s, message);
-                }
+            MavMessage::HIGHRES_IMU(payload) if has_field_update(payload.fields_updated.bits()) => {
+                let t_s = self.sender_time_s(origin, payload.time_usec)?;
+                let field_ut = [payload.xmag, payload.ymag, payload.zmag].map(|gauss| gauss * UT_PER_GAUSS);
+                self.builder.push_field(1, self.field_processing(), t_s, field_ut, None);
             }
             MavMessage::SYSTEM_TIME(payload) => {
-                self.sender_time_s(frame, u64::from(payload.time_boot_ms) * 1000);
+                self.sender_time_s(origin, u64::from(payload.time_boot_ms) * 1000);
                 self.builder.set_day_from_unix_s(payload.time_unix_usec / 1_000_000);
             }
-            MavMessage::SIMSTATE(payload) => {
-                if let Some(t_s) = self.receiver_time_s(frame) {
-                    self.builder.push_true_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
-                }
-            }
-            MavMessage::PARAM_VALUE(payload) => {
-                self.record_parameter(payload);
-            }
+            MavMessage::PARAM_VALUE(payload) => self.record_parameter(payload),
             MavMessage::STATUSTEXT(payload) => {
-                if let Ok(text) = payload.text.to_str() {
-                    if ["Ardu", "APM", "PX4"].iter().any(|prefix| text.starts_with(prefix)) {
-                        self.builder.set_firmware(text);
-                    }
-                    if let Some(t_s) = self.receiver_time_s(frame) {
-                        self.builder.record_text(t_s, text);
-                    }
+                let text = payload.text.to_str().ok()?;
+                if ["Ardu", "APM", "PX4"].iter().any(|prefix| text.starts_with(prefix)) {
+                    self.builder.set_firmware(text);
                 }
+                let t_s = self.receiver_time_s(origin)?;
+                self.builder.record_text(t_s, text);
+            }
+            _ if has_value_without_clock(message) => {
+                let t_s = self.receiver_time_s(origin)?;
+                record_without_clock(&mut self.builder, t_s, message);
             }
             _ => {}
         }
+        Some(())
     }
 
     fn record_parameter(&mut self, payload: &PARAM_VALUE_DATA) {
@@ -404,12 +334,12 @@ impl TlogReader {
     }
 
     /// Adds a field in milligauss.
-    fn record_field(&mut self, frame: &LogFrame<'_>, compass_number: u8, time_us: u64, field_mg: [i16; 3]) {
+    fn record_field(&mut self, origin: Origin, compass_number: u8, time_us: u64, field_mg: [i16; 3]) {
         // An absent compass is sent as zero.
         if field_mg == [0; 3] {
             return;
         }
-        if let Some(t_s) = self.sender_time_s(frame, time_us) {
+        if let Some(t_s) = self.sender_time_s(origin, time_us) {
             let field_ut = field_mg.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
             if self.builder.flight.autopilot == AutopilotKind::Px4 {
                 let instance = usize::from(compass_number) - 1;
@@ -426,32 +356,60 @@ impl TlogReader {
 
     /// Flight time of a message by the sender's clock, seconds. Some senders put Unix time in the field; then the
     /// receiver's clock is used.
-    fn sender_time_s(&mut self, frame: &LogFrame<'_>, boot_us: u64) -> Option<f64> {
+    fn sender_time_s(&mut self, origin: Origin, boot_us: u64) -> Option<f64> {
         /// Ten years: longer than any uptime, earlier than any Unix time after 1980.
         const MAX_BOOT_US: u64 = 315_000_000_000_000;
         if boot_us == 0 || boot_us > MAX_BOOT_US {
-            return self.receiver_time_s(frame);
+            return self.receiver_time_s(origin);
         }
         let t_s = self.builder.timeline.flight_time_s(boot_us)?;
-        self.last_clock_pair_us = Some((boot_us, frame.received_us));
+        self.last_clock_pair_us = Some((boot_us, origin.received_us));
         Some(t_s)
     }
 
     /// Flight time of a message without the sender's clock, seconds; the receiver's clock bridges at most two seconds.
-    fn receiver_time_s(&mut self, frame: &LogFrame<'_>) -> Option<f64> {
+    fn receiver_time_s(&mut self, origin: Origin) -> Option<f64> {
         const MAX_BRIDGED_US: u64 = 2_000_000;
         let (sent_us, received_us) = self.last_clock_pair_us?;
-        let since_us = frame.received_us.saturating_sub(received_us).min(MAX_BRIDGED_US);
+        let since_us = origin.received_us.saturating_sub(received_us).min(MAX_BRIDGED_US);
         self.builder.timeline.flight_time_s(sent_us + since_us)
     }
 }
 
-/// Adds the loads of a message. The first battery is that of SYS_STATUS.
-fn record_loads(loads: &mut LoadRows, t_s: f64, message: &MavMessage) {
+/// Whether a message without the sender's clock has a value that is read.
+const fn has_value_without_clock(message: &MavMessage) -> bool {
     match message {
+        MavMessage::GPS_RAW_INT(payload) => payload.fix_type.0 >= 3,
+        MavMessage::GPS2_RAW(payload) => payload.fix_type.0 >= 3,
+        // -1 means no measurement.
+        MavMessage::SYS_STATUS(payload) => payload.current_battery != -1,
+        MavMessage::SIMSTATE(_)
+        | MavMessage::BATTERY_STATUS(_)
+        | MavMessage::ESC_STATUS(_)
+        | MavMessage::ESC_TELEMETRY_1_TO_4(_)
+        | MavMessage::ESC_TELEMETRY_5_TO_8(_)
+        | MavMessage::SERVO_OUTPUT_RAW(_)
+        | MavMessage::VFR_HUD(_) => true,
+        _ => false,
+    }
+}
+
+fn record_without_clock(builder: &mut FlightBuilder, t_s: f64, message: &MavMessage) {
+    let amperes = |hundredths: i16| f32::from(hundredths) * 0.01;
+    let loads = &mut builder.loads;
+    match message {
+        MavMessage::GPS_RAW_INT(payload) => builder.push_gps(t_s, gps_from_message(payload)),
+        MavMessage::GPS2_RAW(payload) => {
+            builder.push_other_receiver_yaw(1, t_s, yaw_deg_from_message(payload.yaw));
+        }
+        MavMessage::SYS_STATUS(payload) => builder.push_current(t_s, amperes(payload.current_battery)),
+        MavMessage::SIMSTATE(payload) => {
+            builder.push_true_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
+        }
+        // The first battery is that of SYS_STATUS.
         MavMessage::BATTERY_STATUS(payload) if payload.id > 0 && payload.current_battery != -1 => {
-            let amperes = f32::from(payload.current_battery) * 0.01;
-            loads.push_value(LoadSource::Battery(payload.id.saturating_add(1)), t_s, amperes);
+            let battery = LoadSource::Battery(payload.id.saturating_add(1));
+            loads.push_value(battery, t_s, amperes(payload.current_battery));
         }
         MavMessage::ESC_STATUS(payload) => {
             let source = |number: u8| LoadSource::Esc(number.saturating_add(payload.index));
@@ -469,11 +427,8 @@ fn record_loads(loads: &mut LoadRows, t_s: f64, message: &MavMessage) {
             loads.push_values(source, t_s, payload.current.map(|hundredths| Some(f32::from(hundredths) * 0.01)));
         }
         MavMessage::SERVO_OUTPUT_RAW(payload) if payload.port == 0 => {
-            loads.push_values(
-                LoadSource::Output,
-                t_s,
-                servo_pulses_us(payload).map(|pulse_us| Some(f32::from(pulse_us))),
-            );
+            let pulses_us = servo_pulses_us(payload).map(|pulse_us| Some(f32::from(pulse_us)));
+            loads.push_values(LoadSource::Output, t_s, pulses_us);
         }
         MavMessage::VFR_HUD(payload) => loads.push_value(LoadSource::Throttle, t_s, f32::from(payload.throttle)),
         _ => {}

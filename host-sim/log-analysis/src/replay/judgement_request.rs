@@ -6,6 +6,7 @@ use super::evaluation::{EvaluationOptions, FlightEvaluation, evaluate_flight};
 use super::parameter_export::CorrectedTerms;
 use super::reference::{ReferenceHeading, ReferenceKind};
 use crate::log::{LogError, LoggedFlight};
+use crate::numbers::json_name;
 
 /// Fewest usable rows of a chosen part of a log: 2 s at 10 Hz.
 const MIN_ROWS_OF_PART: usize = 20;
@@ -85,7 +86,7 @@ impl fmt::Display for JudgementError {
             Self::NoSuchReference(kinds) => write!(
                 f,
                 "the log has no such reference heading; it has {}",
-                list(kinds.iter().map(|kind| kind.option_name().to_owned()).collect())
+                list(kinds.iter().map(json_name).collect())
             ),
         }
     }
@@ -132,15 +133,15 @@ pub fn settings_table(options: &EvaluationOptions) -> Vec<[String; 2]> {
     let [from_s, to_s] = options.time_window_s;
     let seconds = |time_s: f64| time_s.is_finite().then(|| format!("{time_s} s"));
     let settings = [
-        ("module", options.compared_module.map(|selection| selection.selection_name().to_owned())),
+        ("module", options.compared_module.map(json_name)),
         ("age of the field", options.field_latency_s.map(|age_s| format!("{} ms", age_s * 1e3))),
         ("inclination", options.inclination_deg.map(|inclination_deg| format!("{inclination_deg} deg"))),
         ("from", seconds(from_s)),
         ("to", seconds(to_s)),
-        ("reference", options.reference_kind.map(|kind| kind.option_name().to_owned())),
+        ("reference", options.reference_kind.map(json_name)),
         (
             "parameters correct",
-            (options.corrected_terms != CorrectedTerms::All).then(|| options.corrected_terms.option_name().to_owned()),
+            (options.corrected_terms != CorrectedTerms::All).then(|| json_name(options.corrected_terms)),
         ),
         ("compass", options.compass_number.map(|number| number.to_string())),
     ];

@@ -1,7 +1,7 @@
 //! Reference headings and their quality.
 
 use autoswing::frames::wrap_pi;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::gps_course::GpsCourseHeading;
 
@@ -23,7 +23,7 @@ pub enum ReferenceHeading {
 }
 
 /// Kind of a reference heading, best first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReferenceKind {
     /// True attitude of a simulator.
@@ -42,18 +42,6 @@ pub enum ReferenceKind {
 impl ReferenceKind {
     /// All kinds of reference, best first.
     pub const ALL_KINDS: [Self; 5] = [Self::Simulator, Self::Column, Self::GpsYaw, Self::GpsCourse, Self::AutopilotYaw];
-
-    /// Name in options and messages.
-    #[must_use]
-    pub const fn option_name(self) -> &'static str {
-        match self {
-            Self::Simulator => "simulator",
-            Self::Column => "column",
-            Self::GpsYaw => "gps-yaw",
-            Self::GpsCourse => "gps-course",
-            Self::AutopilotYaw => "autopilot",
-        }
-    }
 }
 
 /// Largest interpolation gap, seconds.

@@ -5,10 +5,10 @@ use autoswing::earth::{Date, EarthField, Position};
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::Estimate;
 use autoswing_module::messages::Refusal;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Rows used for the fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RowSelection {
     /// All usable rows, evenly thinned to the device's capacity.
@@ -17,18 +17,6 @@ pub enum RowSelection {
     Turns,
     /// Samples kept by the device in any flight, until it ends the collection.
     Flight,
-}
-
-impl RowSelection {
-    /// Name in options and reports.
-    #[must_use]
-    pub const fn selection_name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::Turns => "turns",
-            Self::Flight => "flight",
-        }
-    }
 }
 
 /// Options of a replay.
@@ -119,18 +107,4 @@ pub struct ReplayResult {
     pub score: Option<HeadingScore>,
     /// Score of the heading sent, smoothed if available.
     pub smoothed_score: Option<HeadingScore>,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Reports and options have the same names.
-    #[test]
-    fn the_name_of_a_selection_is_that_of_the_option() {
-        for selection in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
-            let name = serde_json::Value::from(selection.selection_name());
-            assert_eq!(serde_json::from_value::<RowSelection>(name).unwrap(), selection);
-        }
-    }
 }

@@ -12,6 +12,7 @@ use std::process::ExitCode;
 
 use crate::serve::{self, AttitudeProvider, PORTS, PilotPattern, ServedModule};
 use clap::Args;
+use log_analysis::numbers::json_name;
 use serde_json::{Value, json};
 use simulator::devices::sensor::SensorModel;
 use simulator::mission_report::airframe_json;
@@ -25,7 +26,7 @@ use serve_loop::{Connections, FlashWriter, PilotCommandInput};
 
 use host_sim::command_failure::CommandFailure;
 use host_sim::file_options::named_world;
-use host_sim::option_parsers::{SENSOR_NAMES, integer_in_range, named_value, number_in_range, value_named_by};
+use host_sim::option_parsers::{integer_in_range, number_in_range, one_of};
 use host_sim::print;
 
 /// Serve the simulated module to a terminal, an autopilot, an instrument or another simulator.
@@ -56,14 +57,14 @@ pub struct ServeCommandOptions {
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]
     seed: u64,
     /// Kind of aircraft [default: plane, or that of the airframe file]
-    #[arg(long, value_name = "KIND", value_parser = value_named_by(&VehicleKind::ALL_VEHICLES, VehicleKind::vehicle_name))]
+    #[arg(long, value_name = "KIND", value_parser = one_of::<VehicleKind>("plane|copter|vtol|rover|boat|hand"))]
     aircraft: Option<VehicleKind>,
     /// Magnetometer of the module: the reference board's LIS3MDL, or an RM3100
-    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = named_value(SENSOR_NAMES))]
+    #[arg(long, default_value = "lis3mdl", value_name = "lis3mdl|rm3100", value_parser = one_of::<SensorModel>("lis3mdl|rm3100"))]
     sensor: SensorModel,
     /// Pattern that is flown without orders
-    #[arg(long, default_value = PilotPattern::default().pattern_name(), value_name = "NAME",
-        value_parser = value_named_by(&PilotPattern::ALL_PATTERNS, PilotPattern::pattern_name))]
+    #[arg(long, default_value = "routine", value_name = "NAME",
+        value_parser = one_of::<PilotPattern>("routine|circles|wandering|level"))]
     pattern: PilotPattern,
     /// Store the module's flash in this file, so that a calibration survives the program
     #[arg(long, value_name = "FILE")]
@@ -81,37 +82,24 @@ pub struct ServeCommandOptions {
     world: Option<u16>,
     /// Put the module on a CAN bus as a DroneCAN node: mcast:0 to mcast:9, UDP multicast in the local network, as
     /// ArduPilot's simulator and pydronecan use it
-    #[arg(long, value_name = "mcast:N", value_parser = named_value(CAN_BUSES))]
+    #[arg(long, value_name = "mcast:N", value_parser = parse_can_bus)]
     can: Option<u8>,
     /// Sender of the module's attitude: the simulator unless the autopilot's port receives one (auto), always the
     /// simulator, only that port (peer), or none (own): then type `set attitude own` at the console, and a satellite
     /// receiver sends the speed to port 2. The module switches senders after 10 s
-    #[arg(long, default_value = "auto", value_name = "auto|simulator|peer|own", value_parser = named_value(ATTITUDE_PROVIDERS))]
+    #[arg(long, default_value = "auto", value_name = "auto|simulator|peer|own", value_parser = one_of::<AttitudeProvider>("auto|simulator|peer|own"))]
     attitude: AttitudeProvider,
     /// Print the ports as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-const ATTITUDE_PROVIDERS: &[(&str, AttitudeProvider)] = &[
-    ("auto", AttitudeProvider::Auto),
-    ("simulator", AttitudeProvider::Simulator),
-    ("peer", AttitudeProvider::Peer),
-    ("own", AttitudeProvider::Own),
-];
-
-const CAN_BUSES: &[(&str, u8)] = &[
-    ("mcast:0", 0),
-    ("mcast:1", 1),
-    ("mcast:2", 2),
-    ("mcast:3", 3),
-    ("mcast:4", 4),
-    ("mcast:5", 5),
-    ("mcast:6", 6),
-    ("mcast:7", 7),
-    ("mcast:8", 8),
-    ("mcast:9", 9),
-];
+fn parse_can_bus(name: &str) -> Result<u8, String> {
+    match name.strip_prefix("mcast:").map(str::as_bytes) {
+        Some([digit @ b'0'..=b'9']) => Ok(digit - b'0'),
+        _ => Err("must be mcast:0 to mcast:9".to_owned()),
+    }
+}
 
 /// An order with its description, wrapped to a terminal's width.
 fn format_order(order: &str, description: &str) -> String {
@@ -277,7 +265,7 @@ fn print_ports(
         }
         None => print::print_line(format_args!(
             "the aircraft flies: {}. Order it to do something else: help lists how",
-            options.pattern.pattern_name()
+            json_name(options.pattern)
         )),
     }
     if options.airframe == "random" {

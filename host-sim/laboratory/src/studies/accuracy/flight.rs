@@ -2,7 +2,7 @@
 
 use autoswing::calibration::AngleRates;
 use autoswing::time::WrappingMillis;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::routine::{CalibrationRoutine, TurnPlan, random_leg};
 use simulator::world::aircraft::{Aircraft, VehicleConfig, VehicleKind};
@@ -12,7 +12,7 @@ use simulator::world::weather::Weather;
 use super::random_flight::{RandomRanges, TrueSample};
 
 /// Flight pattern.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FlightPattern {
     /// Straight legs, with the routine after one third of the remaining time.
@@ -27,16 +27,6 @@ pub enum FlightPattern {
 impl FlightPattern {
     /// All patterns.
     pub const ALL_PATTERNS: [Self; 3] = [Self::Routine, Self::Mirrored, Self::Wandering];
-
-    /// Name in reports and on the command line.
-    #[must_use]
-    pub const fn pattern_name(self) -> &'static str {
-        match self {
-            Self::Routine => "routine",
-            Self::Mirrored => "mirrored",
-            Self::Wandering => "wandering",
-        }
-    }
 }
 
 /// Vehicle, pattern and duration of a flight.

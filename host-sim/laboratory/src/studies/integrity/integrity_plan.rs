@@ -2,6 +2,7 @@
 
 use autoswing::attitude::AttitudeSource;
 use autoswing_module::settings::HeadingKind;
+use serde::Deserialize;
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::cable_far_end::FarEnd;
 use simulator::world::msp_autopilot::{AnswerFaults, MspFirmware};
@@ -24,7 +25,8 @@ pub struct IntegrityPlan {
 }
 
 /// Protocol of the autopilot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum AttitudeProtocol {
     /// MAVLink autopilot with body rates.
     #[default]

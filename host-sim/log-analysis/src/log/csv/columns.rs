@@ -19,22 +19,41 @@ enum Quantity {
     Force,
 }
 
-/// Quantities of the columns, and names before a unit as in `roll_rad`.
-const COLUMN_QUANTITIES: [(&str, Quantity, &[&str]); 14] = [
-    ("t_s", Quantity::Time, &["t", "time"]),
-    ("mx", Quantity::Field, &["mx", "magx", "mag_x"]),
-    ("my", Quantity::Field, &["my", "magy", "mag_y"]),
-    ("mz", Quantity::Field, &["mz", "magz", "mag_z"]),
-    ("roll_deg", Quantity::Angle, &["roll"]),
-    ("pitch_deg", Quantity::Angle, &["pitch"]),
-    ("yaw_ref_deg", Quantity::Angle, &["yaw_ref"]),
-    ("yaw_deg", Quantity::Angle, &["yaw"]),
-    ("p_dps", Quantity::Rate, &["p"]),
-    ("q_dps", Quantity::Rate, &["q"]),
-    ("r_dps", Quantity::Rate, &["r"]),
-    ("ax", Quantity::Force, &["ax"]),
-    ("ay", Quantity::Force, &["ay"]),
-    ("az", Quantity::Force, &["az"]),
+/// A column whose unit the header may declare.
+pub(super) struct ColumnNames {
+    /// The reader's own name.
+    pub name: &'static str,
+    quantity: Quantity,
+    /// Other names; those that have some are the columns by which a table is known.
+    pub other_names: &'static [&'static str],
+    /// Names before a unit, as in `roll_rad`.
+    before_unit: &'static [&'static str],
+}
+
+const fn column(
+    name: &'static str,
+    quantity: Quantity,
+    other_names: &'static [&'static str],
+    before_unit: &'static [&'static str],
+) -> ColumnNames {
+    ColumnNames { name, quantity, other_names, before_unit }
+}
+
+pub(super) const COLUMNS_WITH_UNITS: [ColumnNames; 14] = [
+    column("t_s", Quantity::Time, &["time", "time_s", "t", "seconds"], &["t", "time"]),
+    column("mx", Quantity::Field, &["magx", "mag_x"], &["mx", "magx", "mag_x"]),
+    column("my", Quantity::Field, &["magy", "mag_y"], &["my", "magy", "mag_y"]),
+    column("mz", Quantity::Field, &["magz", "mag_z"], &["mz", "magz", "mag_z"]),
+    column("roll_deg", Quantity::Angle, &["roll"], &["roll"]),
+    column("pitch_deg", Quantity::Angle, &["pitch"], &["pitch"]),
+    column("yaw_ref_deg", Quantity::Angle, &[], &["yaw_ref"]),
+    column("yaw_deg", Quantity::Angle, &[], &["yaw"]),
+    column("p_dps", Quantity::Rate, &[], &["p"]),
+    column("q_dps", Quantity::Rate, &[], &["q"]),
+    column("r_dps", Quantity::Rate, &[], &["r"]),
+    column("ax", Quantity::Force, &[], &["ax"]),
+    column("ay", Quantity::Force, &[], &["ay"]),
+    column("az", Quantity::Force, &[], &["az"]),
 ];
 
 /// Names of the units in lower case, and their sizes in that of the reader.
@@ -61,11 +80,6 @@ const UNITS: [(Quantity, &[&str], f64); 19] = [
     (Quantity::Force, &["g"], 9.806_65),
 ];
 
-/// Names of the columns whose units a header may declare.
-pub(super) fn columns_with_units() -> impl Iterator<Item = &'static str> {
-    COLUMN_QUANTITIES.iter().map(|(name, ..)| *name)
-}
-
 /// Splits a header's cell into name and declared unit.
 pub(super) fn name_and_unit(cell: &str) -> (&str, Option<&str>) {
     match cell.split_once(['(', '[']) {
@@ -74,31 +88,29 @@ pub(super) fn name_and_unit(cell: &str) -> (&str, Option<&str>) {
     }
 }
 
-/// Size of a column's declared unit in that of the reader.
-///
-/// # Errors
-///
-/// The unit is unknown, or belongs to another quantity.
-pub(super) fn unit_size(column: &str, unit: &str) -> Result<f64, ()> {
-    let base = column.trim_end_matches(|character: char| character.is_ascii_digit());
-    let Some((_, quantity, _)) = COLUMN_QUANTITIES.iter().find(|(name, ..)| *name == base) else { return Ok(1.0) };
-    size_of(*quantity, unit).ok_or(())
-}
+impl ColumnNames {
+    /// Names of the column of this name, or of that of the first compass.
+    pub fn of(column: &str) -> Option<&'static Self> {
+        let base = column.trim_end_matches(|character: char| character.is_ascii_digit());
+        COLUMNS_WITH_UNITS.iter().find(|names| names.name == base)
+    }
 
-/// Index of a cell that names a column with a unit, as `roll_rad`, and the unit's size.
-pub(super) fn find_with_unit(names: &[&str], column: &str) -> Option<(usize, f64)> {
-    let (_, quantity, bases) = COLUMN_QUANTITIES.iter().find(|(name, ..)| *name == column)?;
-    names.iter().enumerate().find_map(|(index, name)| {
-        let name = name.to_lowercase();
-        let unit = bases.iter().find_map(|base| name.strip_prefix(base)?.strip_prefix('_').map(str::to_owned))?;
-        Some((index, size_of(*quantity, &unit)?))
-    })
-}
+    /// Size of a unit in that of the reader, if it is known and belongs to the quantity.
+    pub fn unit_size(&self, unit: &str) -> Option<f64> {
+        let unit = unit.to_lowercase();
+        let is_unit =
+            |&&(of, names, _): &&(Quantity, &[&str], f64)| of == self.quantity && names.contains(&unit.as_str());
+        UNITS.iter().find(is_unit).map(|(.., size)| *size)
+    }
 
-fn size_of(quantity: Quantity, unit: &str) -> Option<f64> {
-    let unit = unit.to_lowercase();
-    let is_unit = |&&(of, names, _): &&(Quantity, &[&str], f64)| of == quantity && names.contains(&unit.as_str());
-    UNITS.iter().find(is_unit).map(|(.., size)| *size)
+    /// Index of a cell that names this column with a unit, as `roll_rad`, and the unit's size.
+    pub fn find_with_unit(&self, cells: &[HeaderCell<'_>]) -> Option<(usize, f64)> {
+        cells.iter().enumerate().find_map(|(index, cell)| {
+            let name = cell.name.to_lowercase();
+            let unit = self.before_unit.iter().find_map(|before| name.strip_prefix(before)?.strip_prefix('_'))?;
+            Some((index, self.unit_size(unit)?))
+        })
+    }
 }
 
 /// Unit of the field columns.

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::numbers::quantile;
+
 /// Reason why a table cannot be read.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CsvError {
@@ -13,8 +15,12 @@ pub enum CsvError {
     MissingRateColumn(&'static str),
     /// The header declares a unit that is not known; names of the column and of the unit.
     UnknownUnit(String, String),
-    /// The values contradict the units of the columns.
-    Scale(ScaleProblem),
+    /// Seconds between rows are too many for this unit; their median.
+    TimeUnit(f64),
+    /// Angles are too large for their unit; the largest.
+    AngleUnit(f64),
+    /// The field of this axis wraps at 16 bits.
+    FieldWraps(char),
     /// The table has no valid row; line number, column name and content of the first invalid cell.
     NoRows(Option<(u64, String, String)>),
 }
@@ -27,7 +33,9 @@ impl CsvError {
             Self::Unreadable(_) => "unreadable-file",
             Self::MissingColumn(_) | Self::MissingRateColumn(_) => "missing-column",
             Self::UnknownUnit(..) => "unknown-unit",
-            Self::Scale(problem) => problem.stable_code(),
+            Self::TimeUnit(_) => "time-unit",
+            Self::AngleUnit(_) => "angle-unit",
+            Self::FieldWraps(_) => "field-wraps",
             Self::NoRows(_) => "no-rows",
         }
     }
@@ -46,7 +54,21 @@ impl fmt::Display for CsvError {
             }
             Self::MissingRateColumn(name) => write!(f, "no column {name}; p_dps, q_dps and r_dps belong together"),
             Self::UnknownUnit(column, unit) => write!(f, "{column} has no unit {unit:?}"),
-            Self::Scale(problem) => problem.fmt(f),
+            Self::TimeUnit(step) => write!(
+                f,
+                "rows are {step:.0} apart in t_s, which is in seconds: name another unit in the header, as `t_s (ms)` or \
+                 `t_s (us)`"
+            ),
+            Self::AngleUnit(largest) => write!(
+                f,
+                "the attitude reaches {largest:.0}, and is in degrees: name another unit in the header, as `roll (cdeg)` for \
+                 hundredths"
+            ),
+            Self::FieldWraps(axis) => write!(
+                f,
+                "m{axis} jumps between -32768 and 32767, the ends of 16 bits: the field was recorded with too few bits, or in \
+                 too small a unit"
+            ),
             Self::NoRows(None) => f.write_str("there are no rows"),
             Self::NoRows(Some((line, column, found))) => {
                 write!(f, "there are no rows; line {line}, {column}: {found:?} cannot be read")
@@ -71,51 +93,6 @@ const MIN_FRACTION_BEYOND: f64 = 0.01;
 const MIN_WRAP_STEP: f64 = 40_000.0;
 const MIN_WRAPS: usize = 4;
 const MAX_16_BITS: f64 = 32_768.0;
-
-/// Values that contradict the units of a table.
-#[derive(Clone, Debug, PartialEq)]
-pub enum ScaleProblem {
-    /// Median interval between rows.
-    Time(f64),
-    /// Largest angle.
-    Angle(f64),
-    /// The field of this axis wraps at 16 bits.
-    Wrap(char),
-}
-
-impl ScaleProblem {
-    /// Stable code, for programs.
-    #[must_use]
-    pub const fn stable_code(&self) -> &'static str {
-        match self {
-            Self::Time(_) => "time-unit",
-            Self::Angle(_) => "angle-unit",
-            Self::Wrap(_) => "field-wraps",
-        }
-    }
-}
-
-impl fmt::Display for ScaleProblem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Time(step) => write!(
-                f,
-                "rows are {step:.0} apart in t_s, which is in seconds: name another unit in the header, as `t_s (ms)` or \
-                 `t_s (us)`"
-            ),
-            Self::Angle(largest) => write!(
-                f,
-                "the attitude reaches {largest:.0}, and is in degrees: name another unit in the header, as `roll (cdeg)` for \
-                 hundredths"
-            ),
-            Self::Wrap(axis) => write!(
-                f,
-                "m{axis} jumps between -32768 and 32767, the ends of 16 bits: the field was recorded with too few bits, or in \
-                 too small a unit"
-            ),
-        }
-    }
-}
 
 /// Angles and fields of the rows of a table, so far.
 #[derive(Debug, Default)]
@@ -143,21 +120,19 @@ impl ScaleMonitor {
     }
 
     /// Problem of all rows; rows that are not in order of time show no wrap.
-    pub fn problem(&self, is_unordered: bool) -> Option<ScaleProblem> {
+    pub fn problem(&self, is_unordered: bool) -> Option<CsvError> {
         if self.rows >= MIN_ROWS && self.rows_beyond as f64 > MIN_FRACTION_BEYOND * self.rows as f64 {
-            return Some(ScaleProblem::Angle(self.largest_angle));
+            return Some(CsvError::AngleUnit(self.largest_angle));
         }
         let wrapped = self.wraps.iter().position(|wraps| *wraps >= MIN_WRAPS);
         let is_of_16_bits = self.largest_field <= MAX_16_BITS && !is_unordered;
-        wrapped.filter(|_| is_of_16_bits).map(|axis| ScaleProblem::Wrap(['x', 'y', 'z'][axis]))
+        wrapped.filter(|_| is_of_16_bits).map(|axis| CsvError::FieldWraps(['x', 'y', 'z'][axis]))
     }
 }
 
 /// Problem of the sorted times of the first rows.
-pub(super) fn time_problem(times_s: &[f64]) -> Option<ScaleProblem> {
-    let mut steps_s: Vec<f64> =
-        times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
-    steps_s.sort_by(f64::total_cmp);
-    let median_s = *steps_s.get(steps_s.len() / 2)?;
-    (steps_s.len() >= MIN_ROWS && median_s > MAX_STEP_S).then_some(ScaleProblem::Time(median_s))
+pub(super) fn time_problem(times_s: &[f64]) -> Option<CsvError> {
+    let steps_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
+    let (count, median_s) = (steps_s.len(), quantile(steps_s, 0.5)?);
+    (count >= MIN_ROWS && median_s > MAX_STEP_S).then_some(CsvError::TimeUnit(median_s))
 }

@@ -32,7 +32,7 @@ mod table_layout;
 use std::io::Read;
 
 pub use columns::FieldUnit;
-pub use error::{CsvError, ScaleProblem};
+pub use error::CsvError;
 
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;

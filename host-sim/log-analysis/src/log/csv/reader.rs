@@ -8,7 +8,7 @@ use super::super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::super::time_series::Series;
 use super::super::timeline::Timeline;
 use super::columns::FieldUnit;
-use super::error::{CsvError, ScaleMonitor, ScaleProblem, time_problem};
+use super::error::{CsvError, ScaleMonitor, time_problem};
 use super::table_layout::{InvalidCell, TableLayout};
 
 /// Clock value assigned to the median time of the first lines, microseconds; large, so that earlier lines have positive
@@ -30,7 +30,7 @@ pub struct TableReader {
     /// Whether the lines are not in order of time; then a step back is no restart of the clock.
     is_unordered: bool,
     first_invalid_cell: Option<(u64, String, String)>,
-    time_problem: Option<ScaleProblem>,
+    time_problem: Option<CsvError>,
     scale_monitor: ScaleMonitor,
 }
 
@@ -55,10 +55,8 @@ impl TableReader {
     /// a clock), or two in three go back at all.
     pub(super) fn begin_table(&mut self, table: &TableLayout, first_lines: &[(u64, String)]) {
         const MAX_REORDERING_S: f64 = 3.0;
-        let mut times_s: Vec<f64> = first_lines
-            .iter()
-            .filter_map(|(_, line)| table.split_line(line).required_number(table.time_column, "t_s").ok())
-            .collect();
+        let mut times_s: Vec<f64> =
+            first_lines.iter().filter_map(|(_, line)| table.split_line(line).required_number("t_s").ok()).collect();
         let steps =
             |is_counted: &dyn Fn(f64) -> bool| times_s.windows(2).filter(|pair| is_counted(pair[1] - pair[0])).count();
         let [back, far_back] = [steps(&|step_s| step_s < 0.0), steps(&|step_s| step_s < -MAX_REORDERING_S)];
@@ -67,7 +65,7 @@ impl TableReader {
         self.median_time_s = times_s.get(times_s.len() / 2).copied().unwrap_or(0.0);
         self.builder.timeline = Timeline::default();
         // Positions may be rare.
-        if !table.field_columns.is_empty() {
+        if !table.compasses.is_empty() {
             self.time_problem = self.time_problem.take().or_else(|| time_problem(&times_s));
         }
     }
@@ -82,37 +80,31 @@ impl TableReader {
     fn read_line(&mut self, table: &TableLayout, unit: FieldUnit, line: &str) -> Result<(), InvalidCell> {
         let cells = table.split_line(line);
         table.reject_extra_cells(&cells)?;
-        let t_s = cells.required_number(table.time_column, "t_s")?;
-        let attitude_deg = match table.attitude_columns {
-            Some([roll, pitch]) => {
-                Some([cells.required_number(roll, "roll_deg")?, cells.required_number(pitch, "pitch_deg")?])
-            }
-            None => None,
+        let t_s = cells.required_number("t_s")?;
+        let attitude_deg = if table.has_attitude {
+            Some([cells.required_number("roll_deg")?, cells.required_number("pitch_deg")?])
+        } else {
+            None
         };
         let mut fields = Vec::new();
-        for &(compass_number, [x, y, z]) in &table.field_columns {
-            let given = [x, y, z].map(|index| cells.number_in_column(index));
-            let is_required = compass_number == 1 && attitude_deg.is_some();
-            if is_required || given.iter().all(Option::is_some) {
-                let field =
-                    [cells.required_number(x, "mx")?, cells.required_number(y, "my")?, cells.required_number(z, "mz")?];
-                if compass_number == 1 {
+        for (compass_number, axes) in &table.compasses {
+            let is_required = *compass_number == 1 && attitude_deg.is_some();
+            if is_required || axes.iter().all(|axis| cells.number(axis).is_some()) {
+                let [x, y, z] = axes.each_ref().map(|axis| cells.required_number(axis));
+                let field = [x?, y?, z?];
+                if *compass_number == 1 {
                     self.scale_monitor.add_row(attitude_deg.unwrap_or_default(), field);
                 }
-                let microtesla_per_unit = [x, y, z].map(|index| table.microtesla_per_unit(index, unit));
+                let microtesla_per_unit = axes.each_ref().map(|axis| table.microtesla_per_unit(axis, unit));
                 let field_ut = std::array::from_fn(|axis| (field[axis] * microtesla_per_unit[axis]) as f32);
-                fields.push((compass_number, field_ut));
+                fields.push((*compass_number, field_ut));
             }
         }
-        let optional_number = |index: Option<usize>, name: &str| match index {
-            Some(index) if cells.number_in_column(index).is_some() => cells.required_number(index, name).map(Some),
-            _ => Ok(None),
-        };
-        let usable = optional_number(table.usable_column, "use")?;
-        let reference = optional_number(table.reference_column, "yaw_ref_deg")?;
-        let yaw = optional_number(table.yaw_column, "yaw_deg")?;
-        let rates_dps = cells.optional_vector(table.rate_columns, ["p_dps", "q_dps", "r_dps"])?;
-        let force_m_s2 = cells.optional_vector(table.force_columns, ["ax", "ay", "az"])?;
+        let usable = cells.optional_number("use")?;
+        let reference = cells.optional_number("yaw_ref_deg")?;
+        let yaw = cells.optional_number("yaw_deg")?;
+        let rates_dps = cells.rates_dps()?;
+        let force_m_s2 = cells.force_m_s2()?;
         let Some(t_s) = self.row_time_s(t_s) else { return Ok(()) };
         if let Some(rates_dps) = rates_dps {
             self.rates.push_row(t_s, rates_dps.map(|dps| dps.to_radians() as f32));
@@ -120,7 +112,7 @@ impl TableReader {
         if let Some(force_m_s2) = force_m_s2 {
             self.forces.push_row(t_s, force_m_s2.map(|axis| axis as f32));
         }
-        if let Ok(Some(armed)) = optional_number(table.armed_column, "armed") {
+        if let Ok(Some(armed)) = cells.optional_number("armed") {
             self.armed_states.push_row(t_s, [f32::from(armed != 0.0)]);
         }
         let builder = &mut self.builder;
@@ -138,19 +130,14 @@ impl TableReader {
         if let Some(usable) = usable {
             flight.row_usability.push_row(t_s, [f32::from(usable != 0.0)]);
         }
-        if let Ok(Some(amperes)) = optional_number(table.current_column, "current_a") {
+        if let Ok(Some(amperes)) = cells.optional_number("current_a") {
             builder.push_current(t_s, amperes as f32);
         }
-        if let Some([latitude, longitude]) =
-            table.position_columns.map(|position_columns| position_columns.map(|index| cells.number_in_column(index)))
-            && let (Some(latitude), Some(longitude)) = (latitude, longitude)
-        {
-            let height_m = table.height_column.and_then(|index| cells.number_in_column(index)).unwrap_or(0.0) as f32;
+        if let (Some(latitude), Some(longitude)) = (cells.number("lat_deg"), cells.number("lon_deg")) {
+            let height_m = cells.number("height_m").unwrap_or(0.0) as f32;
             let [latitude_deg, longitude_deg] = [latitude, longitude].map(|deg| deg as f32);
-            let known = |index: Option<usize>| {
-                index.and_then(|index| cells.number_in_column(index)).map_or(f32::NAN, |value| value as f32)
-            };
-            let [speed_m_s, course_deg] = table.speed_and_course_columns.map(known);
+            let [speed_m_s, course_deg] =
+                ["speed_m_s", "course_deg"].map(|column| cells.number(column).map_or(f32::NAN, |value| value as f32));
             let yaw_deg = f32::NAN;
             builder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
         }
@@ -179,7 +166,7 @@ impl TableReader {
     pub fn finish_flight(mut self) -> Result<LoggedFlight, CsvError> {
         let scale_problem = self.time_problem.take().or_else(|| self.scale_monitor.problem(self.is_unordered));
         if let Some(problem) = scale_problem {
-            return Err(CsvError::Scale(problem));
+            return Err(problem);
         }
         self.rates.sort_and_dedup();
         self.forces.sort_and_dedup();

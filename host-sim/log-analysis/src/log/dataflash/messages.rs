@@ -24,86 +24,72 @@ pub(in crate::log) fn ardupilot_builder(format: LogFormat) -> FlightBuilder {
     builder
 }
 
-pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) {
+/// Reads a message; `None` if it lacks its time, or a value that it should have.
+pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, message: &dyn LogMessage) -> Option<()> {
     if name == "PARM" {
-        if let (Some(name), Some(value)) = (message.text_field("Name"), message.numeric_field("Value")) {
-            builder.set_parameter(&name, value);
-        }
-        return;
+        builder.set_parameter(&message.text_field("Name")?, message.numeric_field("Value")?);
+        return Some(());
     }
     let t_s = match message_time_us(name, message) {
         Some(us) => builder.timeline.flight_time_s(us),
         None => time_of_unstamped_message_s(builder, name, message),
-    };
-    let Some(t_s) = t_s else { return };
+    }?;
+    let is_first = |column: &str| message.numeric_field(column).unwrap_or(0.0) == 0.0;
     match name {
         "MAG" => {
             let compass_number = message.numeric_field("I").map_or(1, |instance| (instance as u8).saturating_add(1));
-            record_field(builder, t_s, message, compass_number);
+            record_field(builder, t_s, message, compass_number)?;
         }
-        "MAG2" => record_field(builder, t_s, message, 2),
-        "MAG3" => record_field(builder, t_s, message, 3),
-        "ATT" => {
-            if let Some(angles_rad) = angles_rad(message) {
-                builder.push_attitude(t_s, angles_rad);
-            }
-        }
-        "IMU" if message.numeric_field("I").unwrap_or(0.0) == 0.0 => {
-            if let Some(rates) = numeric_fields(message, ["GyrX", "GyrY", "GyrZ"]) {
-                let bias = builder.gyro_bias_rad_s;
-                builder.push_rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
-            }
+        "MAG2" => record_field(builder, t_s, message, 2)?,
+        "MAG3" => record_field(builder, t_s, message, 3)?,
+        "ATT" => builder.push_attitude(t_s, angles_rad(message)?),
+        "IMU" if is_first("I") => {
+            let rates = numeric_fields(message, ["GyrX", "GyrY", "GyrZ"])?;
+            let bias = builder.gyro_bias_rad_s;
+            builder.push_rates(t_s, std::array::from_fn(|axis| rates[axis] as f32 - bias[axis]));
         }
         // Gyro bias of the autopilot's filter, deg/s.
-        "XKF1" | "NKF1" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
+        "XKF1" | "NKF1" if is_first("C") => {
             push_fallback_attitude(builder, name, t_s, message);
-            if let Some(bias) =
-                numeric_fields(message, ["GX", "GY", "GZ"]).filter(|bias| bias.iter().all(|axis| axis.abs() < 10.0))
-            {
+            let bias = numeric_fields(message, ["GX", "GY", "GZ"])?;
+            if bias.iter().all(|axis| axis.abs() < 10.0) {
                 builder.gyro_bias_rad_s = bias.map(|axis| axis.to_radians() as f32);
             }
         }
-        "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
+        "XKQ" | "XKQ1" | "NKQ" | "NKQ1" | "AHR2" if is_first("C") => {
             push_fallback_attitude(builder, name, t_s, message);
         }
-        "XKF4" | "NKF4" if message.numeric_field("C").unwrap_or(0.0) == 0.0 => {
-            if let Some(ratio) = message.numeric_field("SM") {
-                builder.flight.magnetometer_test_ratio.push_row(t_s, [ratio as f32]);
-            }
+        "XKF4" | "NKF4" if is_first("C") => {
+            builder.flight.magnetometer_test_ratio.push_row(t_s, [message.numeric_field("SM")? as f32]);
         }
-        "GPS" => match message.numeric_field("I").unwrap_or(0.0) as u8 {
-            0 => record_gps(builder, t_s, message),
-            receiver if has_3d_fix(message) => builder.push_other_receiver_yaw(receiver, t_s, gps_yaw_deg(message)),
-            _ => {}
-        },
+        "GPS" if is_first("I") => record_gps(builder, t_s, message)?,
+        "GPS" if has_3d_fix(message) => {
+            let receiver = message.numeric_field("I")? as u8;
+            builder.push_other_receiver_yaw(receiver, t_s, gps_yaw_deg(message));
+        }
         "BAT" => match instance(message) {
-            0 => record_current(builder, t_s, message),
-            battery => record_load(builder, t_s, LoadSource::Battery(battery.saturating_add(1)), message, "Curr"),
+            0 => record_current(builder, t_s, message)?,
+            battery => record_load(builder, t_s, LoadSource::Battery(battery.saturating_add(1)), message, "Curr")?,
         },
-        "ESC" => record_load(builder, t_s, LoadSource::Esc(instance(message).saturating_add(1)), message, "Curr"),
-        "CTUN" => record_load(builder, t_s, LoadSource::Throttle, message, "ThO"),
+        "ESC" => record_load(builder, t_s, LoadSource::Esc(instance(message).saturating_add(1)), message, "Curr")?,
+        "CTUN" => record_load(builder, t_s, LoadSource::Throttle, message, "ThO")?,
         "RCOU" => {
             let pulses_us = OUTPUT_COLUMNS.map(|column| message.numeric_field(column).map(|pulse_us| pulse_us as f32));
             builder.loads.push_values(LoadSource::Output, t_s, pulses_us);
         }
-        "CURR" => record_current(builder, t_s, message),
-        "ARM" => {
-            if let Some(arm_state) = message.numeric_field("ArmState") {
-                builder.push_armed(t_s, arm_state != 0.0);
-            }
-        }
-        "EV" => match message.numeric_field("Id").map(|id| id as u8) {
-            // Event ids of LogEvent: armed (10), auto-armed (15); disarmed (11).
-            Some(10 | 15) => builder.push_armed(t_s, true),
-            Some(11) => builder.push_armed(t_s, false),
+        "CURR" => record_current(builder, t_s, message)?,
+        "ARM" => builder.push_armed(t_s, message.numeric_field("ArmState")? != 0.0),
+        // Event ids of LogEvent: armed (10), auto-armed (15); disarmed (11).
+        "EV" => match message.numeric_field("Id")? as u8 {
+            10 | 15 => builder.push_armed(t_s, true),
+            11 => builder.push_armed(t_s, false),
             _ => {}
         },
         "MODE" => {
-            if let Some(mode) = message.numeric_field("ModeNum").or_else(|| message.numeric_field("Mode")) {
-                builder.flight_modes.push_row(t_s, [mode as f32]);
-            }
+            let mode = message.numeric_field("ModeNum").or_else(|| message.numeric_field("Mode"))?;
+            builder.flight_modes.push_row(t_s, [mode as f32]);
         }
-        "SIM" => record_true_attitude(builder, t_s, message),
+        "SIM" => record_true_attitude(builder, t_s, message)?,
         "VER" => builder.set_firmware(&message.text_field("FWS").unwrap_or_default()),
         "MSG" => {
             let text = message.text_field("Message").unwrap_or_default();
@@ -114,6 +100,7 @@ pub(in crate::log) fn record_message(builder: &mut FlightBuilder, name: &str, me
         }
         _ => {}
     }
+    Some(())
 }
 
 /// Time of a message without a stamp (common until 2014): the newest stamp, seconds. Of several rows at one stamp the
@@ -174,15 +161,15 @@ fn numeric_fields<const N: usize>(message: &dyn LogMessage, names: [&str; N]) ->
 }
 
 /// Adds a field row in milligauss.
-fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, compass_number: u8) {
-    let Some(field) = numeric_fields(message, ["MagX", "MagY", "MagZ"]) else { return };
+fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage, compass_number: u8) -> Option<()> {
+    let field = numeric_fields(message, ["MagX", "MagY", "MagZ"])?;
     // ArduPilot logs existing compasses only.
     if (1..=MAX_COMPASSES).contains(&compass_number) {
         builder.compass_rows(compass_number, FieldProcessing::ArduPilot);
     }
     if message.numeric_field("Health") == Some(0.0) {
         builder.flight.skipped_counts.rejected_readings += 1;
-        return;
+        return None;
     }
     let motor =
         numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
@@ -191,6 +178,7 @@ fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage,
         builder.push_offsets(compass_number, t_s, offsets_mg.map(|axis| axis as f32));
     }
     builder.push_field(compass_number, FieldProcessing::ArduPilot, t_s, microtesla(field), motor.map(microtesla));
+    Some(())
 }
 
 fn has_3d_fix(message: &dyn LogMessage) -> bool {
@@ -203,27 +191,20 @@ fn gps_yaw_deg(message: &dyn LogMessage) -> f32 {
     message.numeric_field("Yaw").filter(|yaw| *yaw != 0.0).map_or(f32::NAN, |yaw| yaw as f32)
 }
 
-fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
+fn record_gps(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) -> Option<()> {
     /// 1980-01-06 in Unix time; leap seconds (less than a minute) are ignored.
     const GPS_EPOCH_UNIX_S: f64 = 315_964_800.0;
     if !has_3d_fix(message) {
-        return;
+        return None;
     }
-    let Some([latitude, longitude, height, speed, course]) =
-        numeric_fields(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"])
-    else {
-        return;
-    };
     let yaw_deg = gps_yaw_deg(message);
     let [latitude_deg, longitude_deg, height_m, speed_m_s, course_deg] =
-        [latitude, longitude, height, speed, course].map(|number| number as f32);
+        numeric_fields(message, ["Lat", "Lng", "Alt", "Spd", "GCrs"])?.map(|number| number as f32);
     builder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
-    if let Some(week) =
-        message.numeric_field("GWk").or_else(|| message.numeric_field("Week")).filter(|week| *week > 0.0)
-    {
-        let time_of_week_ms = message.numeric_field("GMS").unwrap_or(0.0);
-        builder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + time_of_week_ms / 1e3) as u64);
-    }
+    let week = message.numeric_field("GWk").or_else(|| message.numeric_field("Week")).filter(|week| *week > 0.0)?;
+    let time_of_week_ms = message.numeric_field("GMS").unwrap_or(0.0);
+    builder.set_day_from_unix_s((GPS_EPOCH_UNIX_S + week * 604_800.0 + time_of_week_ms / 1e3) as u64);
+    Some(())
 }
 
 /// Columns of the first outputs in RCOU.
@@ -235,27 +216,31 @@ fn instance(message: &dyn LogMessage) -> u8 {
     message.numeric_field("Inst").or_else(|| message.numeric_field("Instance")).unwrap_or(0.0) as u8
 }
 
-fn record_load(builder: &mut FlightBuilder, t_s: f64, source: LoadSource, message: &dyn LogMessage, column: &str) {
-    if let Some(value) = message.numeric_field(column) {
-        builder.loads.push_value(source, t_s, value as f32);
-    }
+fn record_load(
+    builder: &mut FlightBuilder,
+    t_s: f64,
+    source: LoadSource,
+    message: &dyn LogMessage,
+    column: &str,
+) -> Option<()> {
+    builder.loads.push_value(source, t_s, message.numeric_field(column)? as f32);
+    Some(())
 }
 
 /// Adds a current; CURR has integer hundredths of an ampere.
-fn record_current(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
-    if let Some(logged) = message.numeric_field("Curr") {
-        let amperes = if message.is_plain_integer("Curr") { logged * 0.01 } else { logged };
-        builder.push_current(t_s, amperes as f32);
-    }
+fn record_current(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) -> Option<()> {
+    let logged = message.numeric_field("Curr")?;
+    let amperes = if message.is_plain_integer("Curr") { logged * 0.01 } else { logged };
+    builder.push_current(t_s, amperes as f32);
+    Some(())
 }
 
 /// Adds the simulator's attitude, by quaternion if logged, since the angles are rounded to 0.01 deg.
-fn record_true_attitude(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) {
+fn record_true_attitude(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage) -> Option<()> {
     let angles = numeric_fields(message, ["Q1", "Q2", "Q3", "Q4"]).map(quaternion_to_euler_rad);
     let logged = || numeric_fields(message, ["Roll", "Pitch", "Yaw"]).map(|angles| angles.map(f64::to_radians));
-    if let Some(angles) = angles.or_else(logged) {
-        builder.push_true_attitude(t_s, angles.map(|angle| angle as f32));
-    }
+    builder.push_true_attitude(t_s, angles.or_else(logged)?.map(|angle| angle as f32));
+    Some(())
 }
 
 /// Roll, pitch and yaw of a quaternion w, x, y, z from body axes to north, east, down.

@@ -262,104 +262,85 @@ impl UlogReader {
         self.record_row(&topic.name, topic.instance, &TopicRow { columns: &topic.columns, row_bytes: body });
     }
 
-    fn record_row(&mut self, topic: &str, instance: u8, row: &TopicRow<'_>) {
-        let Some(timestamp_us) = row.numeric_value("timestamp").filter(|us| *us >= 0.0) else { return };
-        let Some(t_s) = self.builder.timeline.flight_time_s(timestamp_us as u64) else { return };
+    /// Reads a row; `None` if it lacks its time, or a value that it should have.
+    fn record_row(&mut self, topic: &str, instance: u8, row: &TopicRow<'_>) -> Option<()> {
+        let timestamp_us = row.numeric_value("timestamp").filter(|us| *us >= 0.0)?;
+        let t_s = self.builder.timeline.flight_time_s(timestamp_us as u64)?;
         // The sampling time precedes the publishing time.
         let sampled_s = row.numeric_value("timestamp_sample").filter(|sample| *sample > 0.0 && *sample <= timestamp_us);
         let sampled_s = sampled_s.map_or(t_s, |sample| t_s - ((timestamp_us - sample) / 1e6).min(1.0));
+        let device_id = || row.numeric_value("device_id").unwrap_or(0.0) as u32;
+        let builder = &mut self.builder;
         match topic {
             "sensor_mag" if self.px4_version.is_some_and(|version| version >= (1, 11)) => {
-                if let Some(gauss) = row.vector_value(["x", "y", "z"]) {
-                    let device_id = row.numeric_value("device_id").unwrap_or(0.0) as u32;
-                    self.record_field(true, instance, device_id, sampled_s, gauss);
-                }
+                self.record_field(true, instance, device_id(), sampled_s, row.vector_value(["x", "y", "z"])?);
             }
             "vehicle_magnetometer" => {
-                if let Some(gauss) = row.array_values("magnetometer_ga") {
-                    let device_id = row.numeric_value("device_id").unwrap_or(0.0) as u32;
-                    self.record_field(false, instance, device_id, sampled_s, gauss);
+                self.record_field(false, instance, device_id(), sampled_s, row.array_values("magnetometer_ga")?);
+            }
+            "battery_status" => {
+                let amperes = row.numeric_value("current_a")? as f32;
+                if instance == 0 {
+                    builder.push_current(t_s, amperes);
+                } else {
+                    let battery = LoadSource::Battery(instance.saturating_add(1));
+                    builder.loads.push_value(battery, t_s, amperes);
                 }
             }
-            "vehicle_attitude" if instance == 0 => {
+            "vehicle_status" => {
+                builder.flight.is_copter |= is_copter(row);
+                builder.push_armed_report(t_s, row.numeric_value("arming_state")? as u8 == ARMED_STATE);
+            }
+            "vehicle_attitude_groundtruth" => builder.push_true_attitude(t_s, angles_rad(row)?),
+            // The first instance of other topics.
+            _ if instance > 0 => {}
+            "vehicle_attitude" => {
                 if let Some(angles_rad) = angles_rad(row) {
-                    self.builder.push_attitude(sampled_s, angles_rad);
+                    builder.push_attitude(sampled_s, angles_rad);
                 }
-                if let Some(rates) =
-                    row.vector_value(["rollspeed", "pitchspeed", "yawspeed"]).filter(|_| !self.has_angular_velocity)
-                {
-                    self.builder.push_rates(sampled_s, rates);
+                if !self.has_angular_velocity {
+                    builder.push_rates(sampled_s, row.vector_value(["rollspeed", "pitchspeed", "yawspeed"])?);
                 }
             }
-            "estimator_attitude" if instance == 0 => {
-                if let Some(angles_rad) = angles_rad(row) {
-                    self.builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad);
-                }
+            "estimator_attitude" => {
+                builder.push_fallback_attitude(0, "estimator_attitude", sampled_s, angles_rad(row)?);
             }
-            "estimator_innovation_test_ratios" if instance == 0 => {
-                if let Some(ratios) = row.array_values::<3>("mag_field") {
-                    let largest = ratios.into_iter().fold(f32::NAN, f32::max);
-                    self.builder.flight.magnetometer_test_ratio.push_row(t_s, [largest]);
-                }
+            "estimator_innovation_test_ratios" => {
+                let largest = row.array_values::<3>("mag_field")?.into_iter().fold(f32::NAN, f32::max);
+                builder.flight.magnetometer_test_ratio.push_row(t_s, [largest]);
             }
-            "estimator_status" if instance == 0 => {
-                if let Some(ratio) = row.numeric_value("mag_test_ratio") {
-                    self.builder.flight.magnetometer_test_ratio.push_row(t_s, [ratio as f32]);
-                }
+            "estimator_status" => {
+                let ratio = row.numeric_value("mag_test_ratio")? as f32;
+                builder.flight.magnetometer_test_ratio.push_row(t_s, [ratio]);
             }
-            "vehicle_angular_velocity" if instance == 0 => {
-                if let Some(rates) = row.array_values("xyz") {
-                    self.builder.push_rates(sampled_s, rates);
-                }
-            }
-            "sensor_combined" if instance == 0 => {
+            "vehicle_angular_velocity" => builder.push_rates(sampled_s, row.array_values("xyz")?),
+            "sensor_combined" => {
                 if let Some(rates) = row.array_values("gyro_rad") {
                     self.sensor_combined.1.push_row(t_s, rates);
                 }
                 // The field's time is relative to the row's; an unchanged field repeats its time.
-                let relative_us =
-                    row.numeric_value("magnetometer_timestamp_relative").filter(|relative_us| relative_us.abs() < 1e6);
-                if let (Some(gauss), Some(relative_us)) = (row.array_values("magnetometer_ga"), relative_us) {
-                    self.sensor_combined.0.push_row(t_s + relative_us / 1e6, gauss);
-                }
+                let relative_us = row
+                    .numeric_value("magnetometer_timestamp_relative")
+                    .filter(|relative_us| relative_us.abs() < 1e6)?;
+                self.sensor_combined.0.push_row(t_s + relative_us / 1e6, row.array_values("magnetometer_ga")?);
             }
-            "vehicle_attitude_groundtruth" => {
-                if let Some(angles_rad) = angles_rad(row) {
-                    self.builder.push_true_attitude(t_s, angles_rad);
-                }
-            }
-            "vehicle_gps_position" if instance == 0 => record_gps(&mut self.builder, t_s, row),
-            "battery_status" => {
-                if let Some(amperes) = row.numeric_value("current_a").map(|amperes| amperes as f32) {
-                    if instance == 0 {
-                        self.builder.push_current(t_s, amperes);
-                    } else {
-                        let battery = LoadSource::Battery(instance.saturating_add(1));
-                        self.builder.loads.push_value(battery, t_s, amperes);
-                    }
-                }
-            }
-            "esc_status" if instance == 0 => {
+            "vehicle_gps_position" => record_gps(builder, t_s, row)?,
+            "esc_status" => {
                 let current = |esc: usize| row.numeric_value(&format!("esc[{esc}].esc_current"));
                 let currents_a = (0..MAX_PX4_ESCS).map(|esc| current(esc).map(|amperes| amperes as f32));
-                self.builder.loads.push_values(LoadSource::Esc, t_s, currents_a);
+                builder.loads.push_values(LoadSource::Esc, t_s, currents_a);
             }
-            "actuator_motors" if instance == 0 => {
-                let commands = row.array_values::<MAX_PX4_MOTORS>("control").into_iter().flatten();
-                self.builder.loads.push_values(LoadSource::Motor, t_s, commands.map(Some));
+            "actuator_motors" => {
+                let commands = row.array_values::<MAX_PX4_MOTORS>("control")?;
+                builder.loads.push_values(LoadSource::Motor, t_s, commands.map(Some));
             }
-            "actuator_outputs" if instance == 0 => {
-                let outputs = row.array_values::<MAX_PX4_OUTPUTS>("output").into_iter().flatten();
-                self.builder.loads.push_values(LoadSource::Output, t_s, outputs.map(Some));
-            }
-            "vehicle_status" => {
-                if let Some(arming_state) = row.numeric_value("arming_state") {
-                    self.builder.push_armed_report(t_s, arming_state as u8 == ARMED_STATE);
-                }
-                self.builder.flight.is_copter |= is_copter(row);
+            "actuator_outputs" => {
+                let outputs = row.array_values::<MAX_PX4_OUTPUTS>("output")?;
+                builder.loads.push_values(LoadSource::Output, t_s, outputs.map(Some));
             }
             _ => {}
         }
+        Some(())
     }
 
     /// Adds a field in gauss.
@@ -416,29 +397,19 @@ fn speed_and_course(row: &TopicRow<'_>) -> [f64; 2] {
     }
 }
 
-fn record_gps(builder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) {
-    if row.numeric_value("fix_type").is_none_or(|fix| fix < 3.0) {
-        return;
-    }
+fn record_gps(builder: &mut FlightBuilder, t_s: f64, row: &TopicRow<'_>) -> Option<()> {
+    row.numeric_value("fix_type").filter(|fix| *fix >= 3.0)?;
     let degrees =
         |old: &str, new: &str| row.numeric_value(old).map(|number| number * 1e-7).or_else(|| row.numeric_value(new));
-    let (Some(latitude), Some(longitude)) = (degrees("lat", "latitude_deg"), degrees("lon", "longitude_deg")) else {
-        return;
-    };
+    let latitude_deg = degrees("lat", "latitude_deg")? as f32;
+    let longitude_deg = degrees("lon", "longitude_deg")? as f32;
     let height_m =
-        row.numeric_value("alt").map(|mm| mm / 1e3).or_else(|| row.numeric_value("altitude_msl_m")).unwrap_or(0.0);
+        row.numeric_value("alt").map(|mm| mm / 1e3).or_else(|| row.numeric_value("altitude_msl_m")).unwrap_or(0.0)
+            as f32;
     let [speed_m_s, course_rad] = speed_and_course(row);
-    let yaw_rad = row.numeric_value("heading").unwrap_or(f64::NAN);
-    builder.push_gps(
-        t_s,
-        Gps {
-            latitude_deg: latitude as f32,
-            longitude_deg: longitude as f32,
-            height_m: height_m as f32,
-            speed_m_s: speed_m_s as f32,
-            course_deg: course_rad.to_degrees() as f32,
-            yaw_deg: yaw_rad.to_degrees() as f32,
-        },
-    );
+    let (speed_m_s, course_deg) = (speed_m_s as f32, course_rad.to_degrees() as f32);
+    let yaw_deg = row.numeric_value("heading").unwrap_or(f64::NAN).to_degrees() as f32;
+    builder.push_gps(t_s, Gps { latitude_deg, longitude_deg, height_m, speed_m_s, course_deg, yaw_deg });
     builder.set_day_from_unix_s((row.numeric_value("time_utc_usec").unwrap_or(0.0) / 1e6) as u64);
+    Some(())
 }

@@ -5,6 +5,8 @@ mod rate_comparison;
 
 use std::fmt;
 
+use serde::Serialize;
+
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::flown_headings::{HeadingSectors, yaw_sectors};
 use super::rows::RowCounts;
@@ -42,7 +44,8 @@ pub struct LoggedAccuracy {
 }
 
 /// Measure of the error as logged, best first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum AccuracyEvidence {
     /// An accurate reference heading.
     Reference,
@@ -75,18 +78,6 @@ pub enum UnknownError {
     },
     /// The field scatters, and neither body rates nor a reference heading show whether by iron; degrees of heading.
     FieldScatters(f64),
-}
-
-impl AccuracyEvidence {
-    /// Stable name of the measure, for programs.
-    #[must_use]
-    pub const fn stable_code(self) -> &'static str {
-        match self {
-            Self::Reference => "reference",
-            Self::BodyRates => "body-rates",
-            Self::FieldScatter => "field-scatter",
-        }
-    }
 }
 
 impl UnknownError {

@@ -1,11 +1,12 @@
 //! Format of a parameter file.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::log::AutopilotKind;
 
 /// Format of a parameter file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum ParameterFormat {
     /// ArduPilot `COMPASS_*`, name and value a line.
     ArduPilot,
@@ -39,7 +40,7 @@ impl ParameterFormat {
 }
 
 /// Terms of the correction that a file has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CorrectedTerms {
     /// Offsets alone.
@@ -52,16 +53,6 @@ pub enum CorrectedTerms {
 }
 
 impl CorrectedTerms {
-    /// Name of the terms as an option.
-    #[must_use]
-    pub const fn option_name(self) -> &'static str {
-        match self {
-            Self::Offsets => "offsets",
-            Self::Scale => "scale",
-            Self::All => "all",
-        }
-    }
-
     /// Number of offsets, then diagonal, then further elements of the matrix that are fitted in a format.
     pub(super) const fn unknown_count(self, format: ParameterFormat) -> usize {
         match (self, format) {

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::numbers::json_name;
+
 /// Meaning of a log that a check confirms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -17,6 +19,7 @@ pub enum CheckedMeaning {
     /// The field turns against the body rates, and follows the attitude: signs of field, attitude and rates agree.
     Sense,
     /// The sensor: its gain, signs and registers are the same throughout the flight.
+    #[serde(rename = "sensor-constancy")]
     Constancy,
     /// The unit of the field: its strength is that of the Earth's field.
     Unit,
@@ -51,22 +54,6 @@ pub struct ReadingCheck {
 }
 
 impl CheckedMeaning {
-    /// Stable code of the check, for programs.
-    #[must_use]
-    pub const fn stable_code(self) -> &'static str {
-        match self {
-            Self::Slot => "slot",
-            Self::Correction => "correction",
-            Self::Attitude => "attitude",
-            Self::Sense => "sense",
-            Self::Constancy => "sensor-constancy",
-            Self::Unit => "unit",
-            Self::Inclination => "inclination",
-            Self::North => "north",
-            Self::Reference => "reference",
-        }
-    }
-
     /// Whether parameters are given only if the check passes. The others may lack a place, or a reference.
     #[must_use]
     pub const fn is_required(self) -> bool {
@@ -107,7 +94,7 @@ impl CheckOutcome {
 
 impl fmt::Display for ReadingCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.meaning.stable_code(), self.outcome.stable_code())?;
+        write!(f, "{} {}", json_name(self.meaning), self.outcome.stable_code())?;
         self.outcome.finding().map_or(Ok(()), |finding| write!(f, ": {finding}"))
     }
 }

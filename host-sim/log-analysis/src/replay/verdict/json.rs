@@ -78,7 +78,7 @@ impl CompassVerdict<'_> {
                 "reasons": self.judgement.reason_codes(),
             },
             "as_logged_rms_deg": accuracy.map(|accuracy| round_to(accuracy.rms_deg, 3)),
-            "as_logged_by": accuracy.map(|accuracy| accuracy.evidence.stable_code()),
+            "as_logged_by": accuracy.map(|accuracy| accuracy.evidence),
             "headings_flown": accuracy.map(|accuracy| accuracy.sector_count),
             "differs_from": self.disagreement.map(|disagreement| json!({
                 "compasses": disagreement.agreeing,
@@ -112,7 +112,7 @@ impl CompassVerdict<'_> {
                 "sigmas": round_to(load.sigmas, 1),
             })).collect::<Vec<_>>(),
             "checks": self.reading_checks.iter().map(|check| json!({
-                "code": check.meaning.stable_code(),
+                "code": check.meaning,
                 "outcome": check.outcome.stable_code(),
                 "words": check.outcome.finding(),
             })).collect::<Vec<_>>(),
