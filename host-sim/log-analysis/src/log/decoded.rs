@@ -89,7 +89,7 @@ fn record_mavlink(log: &mut TlogReader, message: &DecodedMessage) {
         .unwrap_or(0.0)
     };
     let Some(decoded) = MavMessage::from_numbers(&message.name, number_at) else { return };
-    log.record_message(message.origin, &decoded);
+    log.record_message(message.origin, Some(&decoded));
 }
 
 /// Message of a line; `None` of any other line. `columns` are those of a table, by its first line.

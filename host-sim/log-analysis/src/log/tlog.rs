@@ -82,10 +82,9 @@ pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<Logged
         }
         let frame = LogFrame::parse_first_frame(bytes, clock_length);
         let length = if let Some(frame) = frame {
-            if frame.is_checksum_valid
-                && let Ok(message) = MavMessage::parse(frame.version, frame.message_id, frame.payload)
-            {
-                log.record_message(frame.origin, &message);
+            if frame.is_checksum_valid {
+                let message = MavMessage::parse(frame.version, frame.message_id, frame.payload).ok();
+                log.record_message(frame.origin, message.as_ref());
             }
             frame.total_len
         } else {
@@ -182,23 +181,24 @@ impl TlogReader {
         Self { builder: FlightBuilder::new(LogFormat::TLog), requested_system, ..Self::default() }
     }
 
-    pub fn record_message(&mut self, origin: Origin, message: &MavMessage) {
+    /// Records a message; `None` is one of another dialect.
+    pub fn record_message(&mut self, origin: Origin, message: Option<&MavMessage>) {
         let [system, _] = origin.sender;
         if self.autopilot_ids.is_some_and(|selected| selected != origin.sender)
             || self.requested_system.is_some_and(|requested| requested != system)
         {
             self.builder.flight.skipped_counts.other_system_messages += 1;
-            if matches!(message, MavMessage::HEARTBEAT(heartbeat) if is_of_autopilot(heartbeat)) {
+            if matches!(message, Some(MavMessage::HEARTBEAT(heartbeat)) if is_of_autopilot(heartbeat)) {
                 self.record_other_vehicle(origin.sender);
             }
             return;
         }
         match message {
-            MavMessage::HEARTBEAT(heartbeat) => self.process_heartbeat(origin, heartbeat),
-            _ if self.autopilot_ids.is_some() => {
+            Some(MavMessage::HEARTBEAT(heartbeat)) => self.process_heartbeat(origin, heartbeat),
+            Some(message) if self.autopilot_ids.is_some() => {
                 self.process_message(origin, message);
             }
-            MavMessage::PARAM_VALUE(payload) if self.early_parameters.len() < MAX_EARLY_PARAMETERS => {
+            Some(MavMessage::PARAM_VALUE(payload)) if self.early_parameters.len() < MAX_EARLY_PARAMETERS => {
                 self.early_parameters.push((origin.sender, payload.clone()));
             }
             // Ignored until the first heartbeat identifies the autopilot.

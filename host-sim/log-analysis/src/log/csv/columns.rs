@@ -47,7 +47,7 @@ pub(super) const COLUMNS_WITH_UNITS: [ColumnNames; 14] = [
     column("roll_deg", Quantity::Angle, &["roll"], &["roll"]),
     column("pitch_deg", Quantity::Angle, &["pitch"], &["pitch"]),
     column("yaw_ref_deg", Quantity::Angle, &[], &["yaw_ref"]),
-    column("yaw_deg", Quantity::Angle, &[], &["yaw"]),
+    column("yaw_deg", Quantity::Angle, &[], &["yaw_log", "yaw"]),
     column("p_dps", Quantity::Rate, &[], &["p"]),
     column("q_dps", Quantity::Rate, &[], &["q"]),
     column("r_dps", Quantity::Rate, &[], &["r"]),

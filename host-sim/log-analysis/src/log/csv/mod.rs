@@ -171,6 +171,19 @@ mod tests {
     }
 
     #[test]
+    fn a_yaw_may_be_named_as_that_of_a_log() {
+        for (name, yaw_deg) in [("yaw_deg", 90.0), ("yaw_log_deg", 90.0), ("yaw_cdeg", 0.9), ("yaw_old_deg", f32::NAN)]
+        {
+            let table = format!("t_s,mx,my,mz,roll_deg,pitch_deg,{name}\n0,200,0,400,1,2,90\n0.1,200,0,400,1,2,90\n");
+            let found_deg = read_text(&table).unwrap().attitude.rows()[0].row_values[2].to_degrees();
+            assert!(
+                (found_deg - yaw_deg).abs() < 1e-4 || (found_deg.is_nan() && yaw_deg.is_nan()),
+                "{name}: {found_deg}"
+            );
+        }
+    }
+
+    #[test]
     fn a_malformed_line_costs_only_that_line() {
         for malformed_line in [
             "0.2,9,10",
