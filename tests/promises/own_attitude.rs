@@ -35,10 +35,10 @@ fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
     ((squares / count).sqrt(), within_two_sigma / count)
 }
 
-/// In a field of 54 deg of inclination. A boat in steep waves has 1.1 deg.
+/// In a field of 54 deg of inclination. One of these rovers has 3 deg at a sigma of 3 deg; 80 have 0.8 deg.
 #[test]
 fn vehicles_without_an_autopilot_have_a_heading() {
-    for (vehicle_kind, limit_deg) in [(VehicleKind::Rover, 1.0), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 1.3)] {
+    for (vehicle_kind, limit_deg) in [(VehicleKind::Rover, 1.2), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 1.0)] {
         let (rms_deg, within_two_sigma) = fly_missions(vehicle_kind);
         assert!(rms_deg < limit_deg && within_two_sigma > 0.9, "{vehicle_kind:?}: {rms_deg} {within_two_sigma}");
     }

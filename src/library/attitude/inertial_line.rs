@@ -37,6 +37,7 @@ pub(super) struct InertialLine {
     /// Estimates as reports whose time is that of their sample.
     estimates: EstimateQueue,
     tilt_covariance: Matrix2<f32>,
+    is_accurate: bool,
     has_autopilot_reported: bool,
     /// Consecutive reports of the autopilot whose body rates differ from the own ones.
     contradicting_reports: u8,
@@ -50,6 +51,7 @@ impl InertialLine {
             source,
             estimates: ReportQueue::new(NUMBER_BEFORE_RUNS),
             tilt_covariance: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+            is_accurate: false,
             has_autopilot_reported: false,
             contradicting_reports: 0,
             is_contradicted: false,
@@ -68,6 +70,7 @@ impl InertialLine {
             return;
         }
         self.tilt_covariance = estimate.tilt_covariance;
+        self.is_accurate = estimate.is_accurate;
         let rates_rad_s =
             if self.source == AttitudeSource::Own { estimate.rates_rad_s } else { estimate.measured_rates_rad_s };
         let report = AttitudeReport {
@@ -124,6 +127,11 @@ impl InertialLine {
     /// Body rates at an instant.
     pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
         if HAS_OWN_ATTITUDE && !self.is_contradicted { self.estimates.body_rates_at(at, MAX_OWN_GAP_US) } else { None }
+    }
+
+    /// Whether the attitude in use is known well enough for a sample.
+    pub fn is_accurate(&self) -> bool {
+        self.estimates_in_use().is_none() || self.is_accurate
     }
 
     /// Covariance of the tilt about the level frame's x and y axes, rad^2, if the own attitude is in use.

@@ -24,7 +24,6 @@ use nalgebra::Matrix2;
 use crate::frames::{Body, Field, Sensor};
 use crate::inertial::InertialAttitude;
 use crate::time::Timestamp;
-use crate::trig::{DEG, square};
 pub use config::AttitudeConfig;
 pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
@@ -37,10 +36,6 @@ pub use rate_estimator::RateEstimator;
 pub use report::{AttitudeReport, BodyRates};
 pub use sender_selector::{Heartbeat, SenderId, SenderSelector};
 pub use source::{AttitudeSource, HAS_OWN_ATTITUDE};
-
-/// Largest sigma of the own attitude's tilt of a sample, radians: the first turn makes the accelerometer's offset known, which
-/// tilts by 3 deg before.
-const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 1.5 * DEG;
 
 /// Attitude and turn at an instant, of an autopilot and of the module's own sensors.
 #[derive(Debug)]
@@ -123,10 +118,7 @@ impl AttitudeTrack {
     /// Attitude at an instant of measurement, for a sample: missing while the own attitude is inaccurate.
     #[must_use]
     pub fn accurate_attitude_at(&self, at: Timestamp) -> AttitudeLookup {
-        match self.own.tilt_covariance_in_use() {
-            Some(covariance) if covariance.trace() > square(MAX_SAMPLE_TILT_SIGMA_RAD) => AttitudeLookup::Missing,
-            _ => self.attitude_at(at, 0),
-        }
+        if self.own.is_accurate() { self.attitude_at(at, 0) } else { AttitudeLookup::Missing }
     }
 
     /// Angle rates and integrated heading at an instant, as [`attitude_at`](Self::attitude_at); own ones have no latency.

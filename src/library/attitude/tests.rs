@@ -321,6 +321,7 @@ fn own_estimate(roll_deg: f32, p_deg_s: f32, frame_heading_deg: f32) -> Inertial
         frame_heading_rad: frame_heading_deg.to_radians(),
         start_count: 0,
         tilt_covariance: Matrix2::identity(),
+        is_accurate: true,
     }
 }
 

@@ -22,6 +22,8 @@ pub struct InertialAttitude {
     /// Covariance of the tilt's error about the level frame's x and y axes, rad^2. Pitch has the error about y, roll
     /// that about x divided by the cosine of the pitch.
     pub tilt_covariance: Matrix2<f32>,
+    /// Whether the tilt and the accelerometer's offset are known well enough for a sample of a calibration.
+    pub is_accurate: bool,
 }
 
 impl InertialAttitude {
@@ -31,6 +33,7 @@ impl InertialAttitude {
         [rates_rad_s, measured_rates_rad_s]: [Vector3<f32>; 2],
         start_count: u8,
         navigation_covariance: &Matrix2<f32>,
+        is_accurate: bool,
     ) -> Self {
         let nose = rotation * Vector3::x();
         let length = hypot(nose.x, nose.y);
@@ -44,6 +47,7 @@ impl InertialAttitude {
             frame_heading_rad: libm::atan2f(nose.y, nose.x),
             start_count,
             tilt_covariance: to_level * navigation_covariance * to_level.transpose(),
+            is_accurate,
         }
     }
 
@@ -68,7 +72,7 @@ mod tests {
             [(0.0, navigation_covariance), (FRAC_PI_2, Matrix2::new(4.0, -0.5, -0.5, 1.0))]
         {
             let rotation = UnitQuaternion::from_euler_angles(0.4, -0.3, yaw_rad);
-            let estimate = InertialAttitude::new(&rotation, [Vector3::zeros(); 2], 0, &navigation_covariance);
+            let estimate = InertialAttitude::new(&rotation, [Vector3::zeros(); 2], 0, &navigation_covariance, true);
             assert!((estimate.tilt_covariance - level_covariance).norm() < 1e-5, "{yaw_rad}");
             let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
             assert!((roll_rad - 0.4).abs() < 1e-6 && (pitch_rad + 0.3).abs() < 1e-6);

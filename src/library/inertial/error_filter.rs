@@ -210,6 +210,13 @@ impl ErrorFilter {
         Matrix2::from_fn(|row, column| self.covariance[row][column])
     }
 
+    /// Variance of the accelerometer's horizontal offset, both axes, (m/s^2)^2, at this downward unit vector in body axes.
+    pub fn horizontal_offset_variance(&self, down: &Vector3<f32>) -> f32 {
+        let covariance =
+            Matrix3::from_fn(|row, column| self.covariance[ACCELEROMETER_OFFSET + row][ACCELEROMETER_OFFSET + column]);
+        covariance.trace() - down.dot(&(covariance * down))
+    }
+
     /// Variance of a component of the velocity, (m/s)^2, mean of the three.
     pub fn velocity_variance(&self) -> f32 {
         (VELOCITY..ACCELEROMETER_OFFSET).map(|i| self.covariance[i][i]).sum::<f32>() / 3.0

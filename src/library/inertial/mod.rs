@@ -85,6 +85,13 @@ fn horizontal_direction(vector: &Vector3<f32>) -> Vector3<f32> {
 /// Change of the gyro's offset between two rests, rad/s: 13 K (LSM6DSL's data sheet).
 const MAX_REST_OFFSET_CHANGE_RAD_S: f32 = 0.2 * DEG;
 
+/// Largest sigma of the tilt of a calibration's sample, rad.
+const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 1.5 * DEG;
+
+/// Largest sigma of a sample's tilt by the accelerometer's offset, rad: the first turns make the offset known, which tilts by 3 deg
+/// before. After a restart with an earlier estimate it is 0.81 deg.
+const MAX_SAMPLE_OFFSET_SIGMA_RAD: f32 = 0.85 * DEG;
+
 /// Sums over the samples of a step of the error filter.
 #[derive(Clone, Debug)]
 struct StepSums {
@@ -340,11 +347,15 @@ impl AttitudeFilter {
     pub fn attitude(&self) -> Option<InertialAttitude> {
         let (_, rotation) = self.attitude?;
         let covariance = self.error_filter.tilt_covariance();
+        let down = rotation.inverse_transform_vector(&Vector3::z());
+        let offset_tilt_variance = self.error_filter.horizontal_offset_variance(&down) / square(GRAVITY_M_S2);
         Some(InertialAttitude::new(
             &rotation,
             [self.rates_rad_s, self.measured_rates_rad_s],
             self.start_count,
             &covariance,
+            covariance.trace() <= square(MAX_SAMPLE_TILT_SIGMA_RAD)
+                && offset_tilt_variance <= square(MAX_SAMPLE_OFFSET_SIGMA_RAD),
         ))
     }
 

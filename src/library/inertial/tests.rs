@@ -247,6 +247,22 @@ fn a_restart_uses_the_offsets_estimated_before() {
     assert_eq!(variances(-30.0), ([errors.gyro_offset_rad_s.powi(2); 3], 0.4_f32.powi(2)));
 }
 
+/// At rest the accelerometer's offset remains as uncertain as before: a calibration may use an attitude with 10 mg, not with 15 mg,
+/// nor at the start.
+#[test]
+fn an_accurate_attitude_has_a_known_tilt_and_a_known_offset() {
+    let is_accurate = |accelerometer_offset_m_s2: f32, duration_s: u32| {
+        let errors = InertialSensorErrors { accelerometer_offset_m_s2, ..InertialSensorErrors::CALIBRATED };
+        let mut run = Run::new(at_rest, 1);
+        run.filter = AttitudeFilter::new(errors, SensorOffsets::UNKNOWN);
+        let first = run.sensor.sample(0.0);
+        run.filter.update(Timestamp::START, &first, None);
+        run.run_for_s(duration_s);
+        run.filter.attitude().unwrap().is_accurate
+    };
+    assert_eq!([(0.098, 10), (0.15, 10), (0.03, 0)].map(|(m_s2, s)| is_accurate(m_s2, s)), [true, false, false]);
+}
+
 /// A sample that is not finite changes nothing; a gap, and free fall at the start, leave no attitude.
 #[test]
 fn unusable_samples_leave_no_wrong_attitude() {

@@ -2,20 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::trig::sqrt;
-
-/// Shortest correlation time of the velocity's deviations, seconds: that of a hand's movements.
-const MIN_CORRELATION_S: f32 = 0.5;
-
-/// Acceleration that changes a deviation, m/s^2: the larger it is, the longer it lasts. That of a boat.
-const TYPICAL_ACCELERATION_M_S2: f32 = 1.0;
-
-/// Longest correlation time, seconds: with more, the tilt of a boat in waves drifts away.
-const MAX_CORRELATION_S: f32 = 1.0;
+/// Correlation time of the velocity's deviations, seconds: that of a hand's movements and of a boat's in waves.
+const CORRELATION_S: f32 = 0.5;
 
 /// Time constant with which the mean square decreases, seconds: longer than a vehicle's drive between two turns. It
 /// increases at once.
-const MEAN_SQUARE_TIME_S: f32 = 10.0;
+const MEAN_SQUARE_TIME_S: f32 = 20.0;
 
 /// Least variance of a component, (m/s)^2: 2 cm/s, of which accelerometer noise alone leaves a tenth.
 const MIN_VARIANCE: f32 = 0.02 * 0.02;
@@ -45,12 +37,11 @@ impl VelocityNoise {
         is_at_rest: bool,
         step_s: f32,
     ) -> f32 {
-        self.smoothed_m_s += (deviation_m_s - self.smoothed_m_s) * (step_s / MIN_CORRELATION_S).min(1.0);
+        self.smoothed_m_s += (deviation_m_s - self.smoothed_m_s) * (step_s / CORRELATION_S).min(1.0);
         let square = (self.smoothed_m_s.norm_squared() / 3.0 - explained_variance).max(0.0);
         let weight = if is_at_rest || square > self.mean_square { 1.0 } else { (step_s / MEAN_SQUARE_TIME_S).min(1.0) };
         self.mean_square += (square - self.mean_square) * weight;
         let variance = (VARIANCE_PER_MEAN_SQUARE * self.mean_square).max(MIN_VARIANCE);
-        let correlation_s = (sqrt(variance) / TYPICAL_ACCELERATION_M_S2).clamp(MIN_CORRELATION_S, MAX_CORRELATION_S);
-        variance * (2.0 * correlation_s / step_s)
+        variance * (2.0 * CORRELATION_S / step_s)
     }
 }
