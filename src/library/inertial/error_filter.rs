@@ -210,11 +210,11 @@ impl ErrorFilter {
         Matrix2::from_fn(|row, column| self.covariance[row][column])
     }
 
-    /// Variance of the accelerometer's horizontal offset, both axes, (m/s^2)^2, at this downward unit vector in body axes.
-    pub fn horizontal_offset_variance(&self, down: &Vector3<f32>) -> f32 {
-        let covariance =
-            Matrix3::from_fn(|row, column| self.covariance[ACCELEROMETER_OFFSET + row][ACCELEROMETER_OFFSET + column]);
-        covariance.trace() - down.dot(&(covariance * down))
+    /// Variance of the accelerometer's horizontal offset, both axes, (m/s^2)^2: of all axes but the one known best, which
+    /// gravity shows. Where no axis of the sensor is vertical it is too large.
+    pub fn horizontal_offset_variance(&self) -> f32 {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.covariance[ACCELEROMETER_OFFSET + axis][ACCELEROMETER_OFFSET + axis]);
+        x + y + z - x.min(y).min(z)
     }
 
     /// Variance of a component of the velocity, (m/s)^2, mean of the three.

@@ -347,8 +347,7 @@ impl AttitudeFilter {
     pub fn attitude(&self) -> Option<InertialAttitude> {
         let (_, rotation) = self.attitude?;
         let covariance = self.error_filter.tilt_covariance();
-        let down = rotation.inverse_transform_vector(&Vector3::z());
-        let offset_tilt_variance = self.error_filter.horizontal_offset_variance(&down) / square(GRAVITY_M_S2);
+        let offset_tilt_variance = self.error_filter.horizontal_offset_variance() / square(GRAVITY_M_S2);
         Some(InertialAttitude::new(
             &rotation,
             [self.rates_rad_s, self.measured_rates_rad_s],
