@@ -30,6 +30,7 @@ mod mount_turn;
 mod parameters;
 
 use core::array;
+use core::ops::Range;
 
 use nalgebra::Vector3;
 
@@ -57,8 +58,8 @@ pub use installation_change::{ChangeReporter, HardIronChange, InstallationChange
 use mean_innovation::{MeanInnovations, SlowChange};
 use measurement_model::{
     ATTITUDE_LATENCY_INDEX, BANK_SCALE_ERROR_INDEX, DRIFTING_STATES, FIRST_GYRO_ERROR_INDEX, GYRO_HEADING_OFFSET_INDEX,
-    GYRO_RATE_OFFSET_INDICES, HARD_IRON_INDICES, INCLINATION_CHANGE_INDEX, MOUNT_TURN_INDEX, MeasurementModel,
-    MonitorSample, MountTurnEffect, PITCH_BIAS_INDEX, PredictedField, ROLL_BIAS_INDEX, STATE_COUNT,
+    GYRO_RATE_OFFSET_INDICES, HARD_IRON_CHANGE_INDEX, HARD_IRON_INDICES, INCLINATION_CHANGE_INDEX, MOUNT_TURN_INDEX,
+    MeasurementModel, MonitorSample, MountTurnEffect, PITCH_BIAS_INDEX, PredictedField, ROLL_BIAS_INDEX, STATE_COUNT,
     STRENGTH_CHANGE_INDEX, StateVector,
 };
 pub(super) use monitor_output::MonitorOutput;
@@ -67,13 +68,14 @@ use mount_turn::{ExplainedTurn, explained_turn};
 use parameters::{
     ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
     FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
-    MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
-    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION,
-    MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT,
-    MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_USUAL_HARD_IRON, MAX_USUAL_MOUNT_TURN_RAD,
+    MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
+    MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
+    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
+    MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
     MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
     MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION,
-    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, VARIANCE_FLOORS, state_noise,
+    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
+    VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -234,6 +236,15 @@ impl Monitor {
         if i == GYRO_HEADING_OFFSET_INDEX || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
             self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * samples as f32);
         }
+        // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
+        let decay = (1.0 - step_s / UNOBSERVED_DECAY_TIME_S).max(0.0);
+        if measurement_model::hard_iron_change(self.filter.mean()).vector_length() < MAX_DECAYING_HARD_IRON {
+            self.decay_states(HARD_IRON_CHANGE_INDEX..MOUNT_TURN_INDEX, decay);
+        }
+        self.decay_states(ROLL_BIAS_INDEX..GYRO_HEADING_OFFSET_INDEX, decay);
+        if self.filter.mean()[MOUNT_TURN_INDEX].abs() < MAX_DECAYING_MOUNT_TURN_RAD {
+            self.decay_states(MOUNT_TURN_INDEX..STRENGTH_CHANGE_INDEX, decay);
+        }
     }
 
     /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step.
@@ -245,6 +256,13 @@ impl Monitor {
             row[FIRST_GYRO_ERROR_INDEX + i] = -0.5 * step_s * (now[i] + last[i]);
         }
         self.filter.propagate(GYRO_HEADING_OFFSET_INDEX, &row);
+    }
+
+    fn decay_states(&mut self, states: Range<usize>, decay: f32) {
+        for i in states {
+            let decayed = decay * self.filter.mean()[i];
+            self.filter.set_mean(i, decayed);
+        }
     }
 
     /// Re-initialises the gyro heading offset after a gap or a restart of the integration.
@@ -515,10 +533,10 @@ impl Monitor {
     fn attribute_to_mount_turn(&mut self, turn: Option<ExplainedTurn>, is_level: bool, residuals: PerKind<f32>) {
         let estimated_rad = self.filter.mean()[MOUNT_TURN_INDEX];
         let is_first = self.innovation_gate.withheld_s() < MAX_WITHHELD_FOR_MOUNT_TURN_S;
-        let is_confirmed = turn.is_some_and(|turn| (turn.turn_rad - estimated_rad).abs() < MAX_USUAL_MOUNT_TURN_RAD);
+        let is_confirmed = turn.is_some_and(|turn| (turn.turn_rad - estimated_rad).abs() < MAX_DECAYING_MOUNT_TURN_RAD);
         match turn {
             Some(turn) if is_first && is_level => self.restart_from_mount_turn(&turn, residuals),
-            _ if is_first || is_confirmed || estimated_rad.abs() < MAX_USUAL_MOUNT_TURN_RAD => {}
+            _ if is_first || is_confirmed || estimated_rad.abs() < MAX_DECAYING_MOUNT_TURN_RAD => {}
             _ => self.restart_from_mount_turn(&ExplainedTurn::NO_TURN, residuals),
         }
     }
@@ -557,8 +575,8 @@ impl Monitor {
         by_field[MOUNT_TURN_INDEX] = if is_drifting { heading_jacobian[MOUNT_TURN_INDEX] } else { 0.0 };
         self.is_strength_test_failed &= self.innovation_gate.is_withholding();
         let change = measurement_model::hard_iron_change(&states);
-        let is_as_calibrated =
-            change.vector_length() < MAX_USUAL_HARD_IRON && states[MOUNT_TURN_INDEX].abs() < MAX_USUAL_MOUNT_TURN_RAD;
+        let is_as_calibrated = change.vector_length() < MAX_DECAYING_HARD_IRON
+            && states[MOUNT_TURN_INDEX].abs() < MAX_DECAYING_MOUNT_TURN_RAD;
         let unsettled_share = if is_as_calibrated { self.post_change_remaining_s / POST_CHANGE_S } else { 1.0 };
         let sent_rad2 = if unsettled_share > 0.0 {
             (1.0 + unsettled_share * (POST_CHANGE_VARIANCE_INFLATION - 1.0)) * variance_rad2
@@ -670,7 +688,7 @@ fn alternative_cause_variance_rad2(
     heading_jacobian: &StateVector,
     states: &StateVector,
 ) -> f32 {
-    if hard_iron_change.vector_length() < MAX_USUAL_HARD_IRON {
+    if hard_iron_change.vector_length() < MAX_DECAYING_HARD_IRON {
         return 0.0;
     }
     let causes = [ROLL_BIAS_INDEX, PITCH_BIAS_INDEX, BANK_SCALE_ERROR_INDEX];

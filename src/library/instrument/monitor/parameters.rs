@@ -80,8 +80,11 @@ pub(super) const HARD_IRON_PROBABILITY: f32 = 0.4;
 /// within `POST_CHANGE_S` if the field is as calibrated again.
 pub(super) const POST_CHANGE_VARIANCE_INFLATION: f32 = 3.0;
 
-/// Hard-iron change up to which the field is as calibrated: 1.5 uT of 50.
-pub(super) const MAX_USUAL_HARD_IRON: f32 = 0.03;
+/// Hard-iron norm below which the estimate decays: 1.5 uT of 50. A larger one is a change, and persists.
+pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
+
+/// Time constant of the decay of states that a flight does not observe, seconds.
+pub(super) const UNOBSERVED_DECAY_TIME_S: f32 = 1000.0;
 
 /// Longest interval over which the gyro heading offset is kept, seconds.
 pub(super) const MAX_SAMPLE_GAP_S: f32 = 3.0;
@@ -137,8 +140,8 @@ const MOUNT_TURN_INITIAL_SIGMA_RAD: f32 = 0.003;
 /// Variance of the mount's turn, square radians, above which a drift has inflated it.
 pub(super) const MIN_DRIFTING_MOUNT_VARIANCE: f32 = 2.0 * MOUNT_TURN_INITIAL_SIGMA_RAD * MOUNT_TURN_INITIAL_SIGMA_RAD;
 
-/// Turn of the mount up to which the module is mounted as calibrated, radians: 2.3 deg.
-pub(super) const MAX_USUAL_MOUNT_TURN_RAD: f32 = 0.04;
+/// Turn of the mount below which its estimate decays, radians: 2.3 deg. A larger one persists.
+pub(super) const MAX_DECAYING_MOUNT_TURN_RAD: f32 = 0.04;
 
 /// Largest turn of the mount, radians: 34 deg.
 pub(super) const MAX_MOUNT_TURN_RAD: f32 = 0.6;

@@ -1,4 +1,4 @@
-//! States of the filter: process noise, inflation after a detected change.
+//! States of the filter: process noise, decay, inflation after a detected change.
 
 use super::*;
 
@@ -85,6 +85,28 @@ fn a_detected_change_inflates_the_states_that_explain_it() {
                 assert!((added - expected[i]).abs() < 2e-3, "{inclination_rad} {residuals:?} {roll_rad}: {i}: {added}");
             }
             assert_eq!(monitor.is_strength_test_failed, residuals[0] > 0.0);
+        }
+    }
+}
+
+/// In 100 s, a tenth of the time constant. Changed hard iron and a turned mount are real and persist, as do the place
+/// and the gyro's states.
+#[test]
+fn unobserved_states_decay_and_detected_changes_persist() {
+    for (hard_iron, mount_turn_rad, remaining) in [(0.01, -0.02, 0.9), (0.05, -0.06, 1.0)] {
+        let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
+        let mut states = [0.1; STATE_COUNT];
+        states[..3].fill(hard_iron);
+        states[MOUNT_TURN_INDEX] = mount_turn_rad;
+        states.iter().enumerate().for_each(|(i, state)| monitor.filter.set_mean(i, *state));
+        monitor.predict_state(100.0);
+        for (i, (found, before)) in monitor.filter.mean().iter().zip(states).enumerate() {
+            let share = match i {
+                ..STRENGTH_CHANGE_INDEX => remaining,
+                ROLL_BIAS_INDEX..GYRO_HEADING_OFFSET_INDEX => 0.9,
+                _ => 1.0,
+            };
+            assert!((found - share * before).abs() < 1e-6, "{hard_iron}: {i}: {found}");
         }
     }
 }

@@ -9,7 +9,6 @@ use nalgebra::Rotation3;
 
 use testkit::random::Random;
 
-use super::measurement_model::HARD_IRON_CHANGE_INDEX;
 use super::*;
 use crate::calibration::{Calibration, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation};
 use crate::frames::{Field, RollPitch};
