@@ -24,7 +24,7 @@ pub(super) struct ColumnNames {
     /// The reader's own name.
     pub name: &'static str,
     quantity: Quantity,
-    /// Other names; those that have some are the columns by which a table is known.
+    /// Other names of the column.
     pub other_names: &'static [&'static str],
     /// Names before a unit, as in `roll_rad`.
     before_unit: &'static [&'static str],
@@ -47,7 +47,7 @@ pub(super) const COLUMNS_WITH_UNITS: [ColumnNames; 14] = [
     column("roll_deg", Quantity::Angle, &["roll"], &["roll"]),
     column("pitch_deg", Quantity::Angle, &["pitch"], &["pitch"]),
     column("yaw_ref_deg", Quantity::Angle, &[], &["yaw_ref"]),
-    column("yaw_deg", Quantity::Angle, &[], &["yaw_log", "yaw"]),
+    column("yaw_deg", Quantity::Angle, &["yaw_log_deg"], &["yaw"]),
     column("p_dps", Quantity::Rate, &[], &["p"]),
     column("q_dps", Quantity::Rate, &[], &["q"]),
     column("r_dps", Quantity::Rate, &[], &["r"]),

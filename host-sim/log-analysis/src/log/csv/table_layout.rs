@@ -26,6 +26,9 @@ struct Column {
     unit_size: Option<f64>,
 }
 
+/// Columns of which the header of a table has some.
+const USUAL_COLUMNS: [&str; 6] = ["t_s", "mx", "my", "mz", "roll_deg", "pitch_deg"];
+
 const RATE_COLUMNS: [&str; 3] = ["p_dps", "q_dps", "r_dps"];
 const FORCE_COLUMNS: [&str; 3] = ["ax", "ay", "az"];
 
@@ -33,15 +36,14 @@ const FORCE_COLUMNS: [&str; 3] = ["ax", "ay", "az"];
 const COLUMNS_WITHOUT_UNITS: [&str; 8] =
     ["use", "current_a", "lat_deg", "lon_deg", "height_m", "speed_m_s", "course_deg", "armed"];
 
-/// Number of required column names that a line must contain to be the header of a table.
-const MIN_REQUIRED_COLUMNS: usize = 3;
+/// Number of the usual columns that a line must name to be the header of a table.
+const MIN_USUAL_COLUMNS: usize = 3;
 
 pub(super) fn is_header(line: &str) -> bool {
     let cells = header_cells(line, "");
-    let is_named = |names: &&ColumnNames| !matches!(Column::find(&cells, names.name), Ok(None));
-    let required_columns = COLUMNS_WITH_UNITS.iter().filter(|names| !names.other_names.is_empty());
+    let is_named = |name: &&&str| !matches!(Column::find(&cells, name), Ok(None));
     let has_own_clock = line.split(cell_separator(line)).any(|cell| trimmed_cell(cell).eq_ignore_ascii_case("t_s"));
-    required_columns.filter(is_named).count() >= MIN_REQUIRED_COLUMNS || has_own_clock
+    USUAL_COLUMNS.iter().filter(is_named).count() >= MIN_USUAL_COLUMNS || has_own_clock
 }
 
 /// Name of a column, and the content of its invalid cell.
@@ -113,7 +115,8 @@ impl TableLayout {
 
     /// Microtesla per unit of a column of the field.
     pub fn microtesla_per_unit(&self, column: &str, unit: FieldUnit) -> f64 {
-        self.columns[column].unit_size.map_or_else(|| unit.microtesla_per_unit(), |_| 1.0)
+        let is_declared = self.columns.get(column).is_some_and(|column| column.unit_size.is_some());
+        if is_declared { 1.0 } else { unit.microtesla_per_unit() }
     }
 
     pub fn split_line<'a>(&'a self, line: &'a str) -> LineCells<'a> {
@@ -142,26 +145,33 @@ pub(super) struct LineCells<'a> {
 }
 
 impl LineCells<'_> {
-    fn text(&self, column: &str) -> &str {
-        self.columns.get(column).and_then(|column| self.cells.get(column.index)).copied().unwrap_or_default()
-    }
-
     /// The number in a column; none without the column, if empty or `nan`; NaN if invalid.
     pub fn number(&self, column: &str) -> Option<f64> {
-        let text = Some(self.text(column)).filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("nan"))?;
+        let column = self.columns.get(column)?;
+        let text = self.cells.get(column.index)?;
+        if text.is_empty() || text.eq_ignore_ascii_case("nan") {
+            return None;
+        }
         let number = if self.has_decimal_comma { text.replace(',', ".").parse() } else { text.parse() };
         // A cell with invalid text is an error, not a missing value.
-        Some(number.unwrap_or(f64::NAN) * self.columns[column].unit_size.unwrap_or(1.0))
+        Some(number.unwrap_or(f64::NAN) * column.unit_size.unwrap_or(1.0))
     }
 
     pub fn required_number(&self, column: &str) -> Result<f64, InvalidCell> {
-        let invalid_cell = || (column.to_owned(), self.text(column).chars().take(40).collect());
-        self.number(column).filter(|number| number.is_finite()).ok_or_else(invalid_cell)
+        self.optional_number(column)?.ok_or_else(|| self.invalid_cell(column))
     }
 
     /// The number of a column if its cell is not empty.
     pub fn optional_number(&self, column: &str) -> Result<Option<f64>, InvalidCell> {
-        self.number(column).map(|_| self.required_number(column)).transpose()
+        match self.number(column) {
+            Some(number) if !number.is_finite() => Err(self.invalid_cell(column)),
+            number => Ok(number),
+        }
+    }
+
+    fn invalid_cell(&self, column: &str) -> InvalidCell {
+        let text = self.columns.get(column).and_then(|column| self.cells.get(column.index));
+        (column.to_owned(), text.copied().unwrap_or_default().chars().take(40).collect())
     }
 
     /// The numbers of three columns; none if all cells are empty, or a column is missing.
