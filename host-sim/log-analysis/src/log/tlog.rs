@@ -14,7 +14,7 @@ use mavlink_dialect::{
 use super::compass_slot::UnknownSlot;
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
-use super::load::LoadSource;
+use super::load::{LoadRows, LoadSource};
 use super::read_window::ReadWindow;
 use super::time_series::Series;
 
@@ -310,9 +310,31 @@ impl TlogReader {
                 let t_s = self.receiver_time_s(origin)?;
                 self.builder.record_text(t_s, text);
             }
-            _ if has_value_without_clock(message) => {
+            MavMessage::GPS_RAW_INT(payload) if payload.fix_type.0 >= 3 => {
                 let t_s = self.receiver_time_s(origin)?;
-                record_without_clock(&mut self.builder, t_s, message);
+                self.builder.push_gps(t_s, gps_from_message(payload));
+            }
+            MavMessage::GPS2_RAW(payload) if payload.fix_type.0 >= 3 => {
+                let t_s = self.receiver_time_s(origin)?;
+                self.builder.push_other_receiver_yaw(1, t_s, yaw_deg_from_message(payload.yaw));
+            }
+            // -1 means no measurement.
+            MavMessage::SYS_STATUS(payload) if payload.current_battery != -1 => {
+                let t_s = self.receiver_time_s(origin)?;
+                self.builder.push_current(t_s, f32::from(payload.current_battery) * 0.01);
+            }
+            MavMessage::SIMSTATE(payload) => {
+                let t_s = self.receiver_time_s(origin)?;
+                self.builder.push_true_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
+            }
+            MavMessage::BATTERY_STATUS(_)
+            | MavMessage::ESC_STATUS(_)
+            | MavMessage::ESC_TELEMETRY_1_TO_4(_)
+            | MavMessage::ESC_TELEMETRY_5_TO_8(_)
+            | MavMessage::SERVO_OUTPUT_RAW(_)
+            | MavMessage::VFR_HUD(_) => {
+                let t_s = self.receiver_time_s(origin)?;
+                record_loads(&mut self.builder.loads, t_s, message);
             }
             _ => {}
         }
@@ -376,40 +398,12 @@ impl TlogReader {
     }
 }
 
-/// Whether a message without the sender's clock has a value that is read.
-const fn has_value_without_clock(message: &MavMessage) -> bool {
+/// Adds the loads of a message. The first battery is that of SYS_STATUS.
+fn record_loads(loads: &mut LoadRows, t_s: f64, message: &MavMessage) {
     match message {
-        MavMessage::GPS_RAW_INT(payload) => payload.fix_type.0 >= 3,
-        MavMessage::GPS2_RAW(payload) => payload.fix_type.0 >= 3,
-        // -1 means no measurement.
-        MavMessage::SYS_STATUS(payload) => payload.current_battery != -1,
-        MavMessage::SIMSTATE(_)
-        | MavMessage::BATTERY_STATUS(_)
-        | MavMessage::ESC_STATUS(_)
-        | MavMessage::ESC_TELEMETRY_1_TO_4(_)
-        | MavMessage::ESC_TELEMETRY_5_TO_8(_)
-        | MavMessage::SERVO_OUTPUT_RAW(_)
-        | MavMessage::VFR_HUD(_) => true,
-        _ => false,
-    }
-}
-
-fn record_without_clock(builder: &mut FlightBuilder, t_s: f64, message: &MavMessage) {
-    let amperes = |hundredths: i16| f32::from(hundredths) * 0.01;
-    let loads = &mut builder.loads;
-    match message {
-        MavMessage::GPS_RAW_INT(payload) => builder.push_gps(t_s, gps_from_message(payload)),
-        MavMessage::GPS2_RAW(payload) => {
-            builder.push_other_receiver_yaw(1, t_s, yaw_deg_from_message(payload.yaw));
-        }
-        MavMessage::SYS_STATUS(payload) => builder.push_current(t_s, amperes(payload.current_battery)),
-        MavMessage::SIMSTATE(payload) => {
-            builder.push_true_attitude(t_s, [payload.roll, payload.pitch, payload.yaw]);
-        }
-        // The first battery is that of SYS_STATUS.
         MavMessage::BATTERY_STATUS(payload) if payload.id > 0 && payload.current_battery != -1 => {
             let battery = LoadSource::Battery(payload.id.saturating_add(1));
-            loads.push_value(battery, t_s, amperes(payload.current_battery));
+            loads.push_value(battery, t_s, f32::from(payload.current_battery) * 0.01);
         }
         MavMessage::ESC_STATUS(payload) => {
             let source = |number: u8| LoadSource::Esc(number.saturating_add(payload.index));
