@@ -139,12 +139,12 @@ pub struct MissionResult {
     pub duration_s: f64,
 }
 
-/// Flies a mission with the simulated module. `on_progress` receives the stage and its progress, 0..1.
+/// Flies a mission with the simulated module; `on_step` receives each step.
 pub fn fly_mission(world: WorldConfig, plan: TurnPlan, on_step: &mut dyn FnMut(&MissionStep<'_>)) -> MissionResult {
     fly_mission_of_module(&mut Rig::new(world), plan, on_step)
 }
 
-/// Flies a mission with a module that was just switched on.
+/// Flies a mission with a module that was just switched on; `on_step` receives each step.
 pub fn fly_mission_of_module(
     module: &mut impl Module,
     plan: TurnPlan,
@@ -259,8 +259,8 @@ impl<M: Module> Mission<'_, M> {
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().append_leg(leg);
+            self.progress = (MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
             while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
-                self.progress = (MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
                 for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) =
                         reader.push_byte(timed_byte.byte).filter(|sentence| sentence.sentence_kind == "PASWH")
@@ -282,7 +282,6 @@ impl<M: Module> Mission<'_, M> {
                 }
             }
         }
-        self.progress = (MissionStage::OutputEvaluation, 1.0);
         self.append_console_output();
         let errors_deg: Vec<f64> = evaluated_headings.iter().map(|heading| heading.error_deg).collect();
         let normalised: Vec<f64> =
