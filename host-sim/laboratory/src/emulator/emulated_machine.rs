@@ -46,7 +46,7 @@ const NT_PER_UT: f64 = 1000.0;
 /// Largest value that QEMU accepts at this gain: 2047 counts at 1100 and 980 counts per gauss.
 const MAX_FIELD_NT: [f64; 3] = [186_000.0, 186_000.0, 208_800.0];
 
-/// Message from the machine, which then waits for its input except in the variants documented to continue.
+/// Message from the machine, which then waits for its input unless it has just started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MachineMessage {
     /// Message of a started firmware, which continues immediately.
@@ -55,7 +55,7 @@ pub enum MachineMessage {
     Step,
     /// The firmware is about to read the sensor.
     Sensor,
-    /// The firmware has written to the instrument port; continues immediately.
+    /// The firmware has written to the instrument port.
     Written,
 }
 

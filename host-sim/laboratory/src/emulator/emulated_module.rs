@@ -145,10 +145,7 @@ impl Emulator {
             wire.send_to_cable(&self.machine.take_output(port)?);
         }
         match message {
-            MachineMessage::Written => {
-                self.sample_path.on_output(ticks);
-                return Ok(());
-            }
+            MachineMessage::Written => self.sample_path.on_output(ticks),
             MachineMessage::Sensor => {
                 self.sample_path.on_sensor_access(ticks);
                 self.update_field()?;

@@ -1,9 +1,10 @@
 //! Lockstep of the emulated machine with the simulator.
 //!
-//! Every 2 ms, and before each access to the sensor, the machine sends its time on a dedicated UART and waits with its
-//! clock frozen; only UART interrupts wake it. The simulator advances to that time, sets the field, sends the bytes of
-//! autopilot and console, and releases the machine. So a run depends on its seed only, not on the host's speed, except
-//! for a microsecond by which QEMU's restart varies.
+//! Every 2 ms, before each access to the sensor and after each write to the instrument port, the machine sends its time
+//! on a dedicated UART and waits with its clock frozen; only UART interrupts wake it. The simulator advances to that
+//! time, takes the machine's output, sets the field, sends the bytes of the ports, and releases the machine. So a run
+//! depends on its seed only, not on the host's speed, except for a microsecond by which QEMU's restart varies, and in
+//! one of some 300 s by as much for an unknown reason.
 //!
 //! To the simulator: a message byte and the clock's ticks, little-endian. From the simulator: numbers of bytes sent to
 //! the console, autopilot and instrument ports, and a byte of flags.
@@ -30,7 +31,7 @@ enum LockstepMessage {
     Step = b'T' as isize,
     /// The machine is about to access the sensor; it waits.
     Sensor = b'S' as isize,
-    /// The machine has written to the instrument port; it does not wait.
+    /// The machine has written to the instrument port; it waits.
     Written = b'W' as isize,
 }
 
@@ -73,7 +74,7 @@ pub fn wait_before_sensor_access() {
 
 /// Reports a write to the instrument port.
 pub fn report_instrument_port_write() {
-    critical_section::with(|_| machine_clock::with_frozen_clock(|ticks| send_message(LockstepMessage::Written, ticks)));
+    send_and_wait_for_release(LockstepMessage::Written, None);
 }
 
 fn send_message(message: LockstepMessage, ticks: u64) {

@@ -13,7 +13,7 @@
 //! 1. UARTs. Above everything that waits in the lockstep, or WFI would not wake.
 //! 2. Clock and lockstep.
 //! 3. Executor of the heading tasks, in an unused peripheral's interrupt.
-//! 4. Executor of the others: solving, flash, console. Also in an interrupt, since QEMU's WFE does not sleep.
+//! 4. Executor of the others: solving, flash, console. Also in an interrupt: the main thread only spins.
 
 #[cfg(feature = "bench")]
 mod bench;
@@ -45,6 +45,9 @@ use super::stack;
 pub type UartRx = &'static ReceiveQueue;
 pub type Uarts = PortAndConsoleUarts<UartTx, UartRx>;
 pub type Hardware = hardware::Hardware<Magnetometer, (), Uarts, (), Watchdog, Panel, StoreFlash, Platform>;
+
+/// Cycles of one idle spin; longer ones are faster to emulate.
+const IDLE_SPIN_CYCLES: u32 = 100;
 
 const CONSOLE_TX: UartTx = UartTx { uart: &CONSOLE, on_written: || {} };
 
@@ -154,8 +157,9 @@ pub fn start_board(spawn_tasks: impl FnOnce(SendSpawner, SendSpawner, Hardware))
     if !is_safe_mode {
         below.spawn(bench_task().expect("one task"));
     }
+    // Spins: when the processor sleeps, QEMU advances time by some instructions more or less, depending on the host.
     loop {
-        asm::wfi();
+        asm::delay(IDLE_SPIN_CYCLES);
     }
 }
 
