@@ -1,7 +1,7 @@
 //! ARM firmware in QEMU's `mps2-an386` (Cortex-M4F with QEMU's magnetometer), coupled to the simulated world.
 //!
-//! Machine and world run in lockstep: the machine stops every 2 ms and before every sensor access, sends its time, and
-//! continues when the world has reached that time. Host time has no influence.
+//! Machine and world run in lockstep: the machine stops every 2 ms, before every sensor access and after every write to
+//! the instrument port, sends its time, and continues when the world has reached that time. Host time has no influence.
 
 mod elf_header;
 mod emulated_machine;
