@@ -28,7 +28,7 @@ use error_filter::{ErrorFilter, ErrorVariances, StepIntegrals};
 use quaternion::{levelling_rotation, rotated_in_body, rotated_in_navigation};
 use rest_detector::RestDetector;
 pub use sample::{GRAVITY_M_S2, InertialSample};
-pub use sensor_errors::{InertialSensorErrors, SensorOffsets};
+pub use sensor_errors::{GYRO_CROSS_AXIS, InertialSensorErrors, SensorOffsets};
 use velocity_noise::VelocityNoise;
 
 /// Duration of a step of the error filter, seconds: half of the time in which a fast turn of 1000 deg/s ends.

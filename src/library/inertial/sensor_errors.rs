@@ -3,6 +3,10 @@
 use super::sample::GRAVITY_M_S2;
 use crate::trig::{DEG, hypot, square};
 
+/// Cross-axis sensitivity of a chip's gyro, 1 sigma: 2 % at most in the MPU-6000 (PS-MPU-6000A rev. 3.4). Waves and the hand
+/// tilt faster than the accelerometer corrects, so a calibration takes the gyro's axes for those of the board.
+pub const GYRO_CROSS_AXIS: f32 = 0.01;
+
 /// Errors of gyro and accelerometer before any estimate, 1 sigma of each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InertialSensorErrors {

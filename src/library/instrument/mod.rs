@@ -63,7 +63,7 @@ use crate::attitude::{AttitudeLookup, AttitudeReport, AttitudeTrack, EulerRates,
 use crate::calibration::{MotorCurrent, Sample};
 use crate::frames::{Body, Field, RollPitch, Sensor};
 use crate::heading::{self, Heading, NoHeading};
-use crate::inertial::InertialAttitude;
+use crate::inertial::{GYRO_CROSS_AXIS, InertialAttitude};
 use crate::reading::Reading;
 use crate::time::Timestamp;
 use crate::trig::{self, sqrt, square};
@@ -441,12 +441,12 @@ impl Instrument {
             .map_or(deviation.is_finite(), |max_deviation| deviation <= max_deviation)
     }
 
-    /// Heading variance by the tilt error of the own attitude, rad^2: an error about the field's horizontal direction turns
-    /// the heading by `tan(inclination)` times its size.
-    fn own_tilt_heading_variance_rad2(&self, inclination_rad: f32) -> f32 {
+    /// Heading variance by errors of the own attitude, rad^2. A tilt about the field's horizontal direction turns the heading
+    /// by `tan(inclination)` times its size, the gyro's axes turned about the vertical by their angle.
+    fn own_attitude_heading_variance_rad2(&self, inclination_rad: f32) -> f32 {
         self.attitude_track.own_tilt_covariance().map_or(0.0, |covariance| {
             let (sin, cos) = trig::sin_cos(inclination_rad);
-            square(sin / cos) * covariance.trace() / 2.0
+            square(sin / cos) * covariance.trace() / 2.0 + square(GYRO_CROSS_AXIS)
         })
     }
 
@@ -472,7 +472,7 @@ impl Instrument {
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
             .with_added_systematic_variance(
                 calibration.motor_current_heading_variance_rad2(current_a)
-                    + self.own_tilt_heading_variance_rad2(calibration.inclination_rad),
+                    + self.own_attitude_heading_variance_rad2(calibration.inclination_rad),
             );
         if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {
             Ok(heading.rotated_by_deg(base.align_deg))

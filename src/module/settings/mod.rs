@@ -178,6 +178,7 @@ impl Settings {
         ConsiderSigmas {
             bias_rad: self.attitude_bias_deg.to_radians(),
             bank_scale: self.bank_scale_error_percent / 100.0,
+            cross_axis: self.attitude_source.gyro_cross_axis(),
         }
     }
 
@@ -202,11 +203,8 @@ impl Settings {
     ///
     /// [`OutOfRange`] if the settings would be [invalid](Self::is_valid).
     pub fn with_setting(mut self, SettingChange { setting, value }: SettingChange) -> Result<Self, OutOfRange> {
-        if setting.set_value(&mut self, value) && self.is_valid() {
-            Ok(self)
-        } else {
-            Err(OutOfRange(setting.refusal_text))
-        }
+        let is_applied = setting.set_value(&mut self, value) && self.is_valid();
+        is_applied.then_some(self).ok_or(OutOfRange(setting.refusal_text))
     }
 }
 

@@ -4,19 +4,24 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::replaced_numbers::ReplacedNumber;
+use autoswing::inertial::GYRO_CROSS_AXIS;
 
 #[test]
 fn attitude_errors_convert_to_the_solver_s_units() {
+    let changed = Settings {
+        attitude_bias_deg: 2.0,
+        bank_scale_error_percent: 5.0,
+        attitude_source: AttitudeSource::Own,
+        ..Settings::DEFAULT
+    };
     for (settings, expected) in [
         (Settings::DEFAULT, ConsiderSigmas::DEFAULT),
-        (
-            Settings { attitude_bias_deg: 2.0, bank_scale_error_percent: 5.0, ..Settings::DEFAULT },
-            ConsiderSigmas { bias_rad: 0.034_906_585, bank_scale: 0.05 },
-        ),
+        (changed, ConsiderSigmas { bias_rad: 0.034_906_585, bank_scale: 0.05, cross_axis: GYRO_CROSS_AXIS }),
     ] {
-        let ConsiderSigmas { bias_rad, bank_scale } = settings.attitude_error_sigmas();
+        let ConsiderSigmas { bias_rad, bank_scale, cross_axis } = settings.attitude_error_sigmas();
         assert!((bias_rad / expected.bias_rad - 1.0).abs() < 0.003, "{expected:?}");
         assert!((bank_scale / expected.bank_scale - 1.0).abs() < 1e-6, "{expected:?}");
+        assert_eq!(cross_axis.to_bits(), expected.cross_axis.to_bits());
     }
 }
 

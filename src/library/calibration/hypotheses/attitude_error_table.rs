@@ -31,6 +31,16 @@ pub(in crate::calibration) const ATTITUDE_ERRORS: &[AttitudeError] = &[
     ROLL_DRIFT,
     PITCH_DRIFT,
     PITCH_SIGN_ERROR,
+    AttitudeError {
+        attitude_derivative: |state| [state.attitude.pitch_rad, 0.0],
+        assumed_sigma: |consider_sigmas| consider_sigmas.cross_axis,
+        significance_test: None,
+    },
+    AttitudeError {
+        attitude_derivative: |state| [0.0, state.attitude.roll_rad],
+        assumed_sigma: |consider_sigmas| consider_sigmas.cross_axis,
+        significance_test: None,
+    },
 ];
 
 /// Number of attitude errors.

@@ -22,8 +22,10 @@ const MIN_FIELD_SPREAD_UT: f32 = 7.0;
 /// Width of each end of an axis' range, as a fraction of the range.
 const RANGE_END_FRACTION: f32 = 0.01;
 
-/// Stuck if more than 1/5 of the samples are at one end of the range.
-const STUCK_FRACTION_DIVISOR: usize = 5;
+/// Stuck if more than 1/5 of the samples are at one end of the range,
+const MIN_STUCK_FRACTION: f32 = 0.2;
+/// and have at least this share of the scatter of all fields: a frozen axis has all of it, a module at rest nothing.
+const MIN_STUCK_SCATTER: f32 = 0.03;
 
 pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), SolveError> {
     let part = if method == Method::Level { CollectionPart::LEVEL } else { CollectionPart::FREE };
@@ -47,7 +49,7 @@ pub(super) fn check_samples(method: Method, samples: Samples<'_>) -> Result<(), 
 }
 
 /// Sums of fields, less the first one, microtesla.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct FieldSpread {
     first_ut: Option<Vector3<f32>>,
     count: f32,
@@ -65,7 +67,12 @@ impl FieldSpread {
 
     /// Mean square distance of the fields from their mean.
     fn variance_ut2(&self) -> f32 {
-        self.squares_ut2 / self.count - (self.sum_ut / self.count).norm_squared()
+        self.scatter_ut2() / self.count
+    }
+
+    /// Sum of the squared distances of the fields from their mean.
+    fn scatter_ut2(&self) -> f32 {
+        self.squares_ut2 - self.sum_ut.norm_squared() / self.count.max(1.0)
     }
 }
 
@@ -75,27 +82,33 @@ fn is_finite(sample: &Sample) -> bool {
     sample.field.ut.iter().all(|ut| ut.abs() < MAX_FIELD_UT) && roll_rad.is_finite() && pitch_rad.is_finite()
 }
 
-/// Axis that stays at one end of its range in turns: saturated or frozen. In a full circle, 1 sample in 16 is within 1
-/// % of either end.
+/// Axis that stays at one end of its range while the others change: saturated or frozen. In a full circle, 1 sample in 16
+/// is within 1 % of either end.
 pub(super) fn stuck_axis(samples: Samples<'_>) -> Option<Axis> {
     let fields = || samples.without_part(CollectionPart::LEVEL).iter().map(|sample| sample.field.ut);
-    let (mut count, mut low, mut high) = (0_usize, Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN));
+    let (mut all, mut low, mut high) = (FieldSpread::default(), Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN));
     for field in fields() {
-        count += 1;
+        all.add(field);
         (low, high) = (low.inf(&field), high.sup(&field));
     }
     let end_width = (high - low) * RANGE_END_FRACTION;
-    let mut counts_at_ends = [[0_usize; 2]; 3];
+    let mut at_ends = [[FieldSpread::default(); 2]; 3];
     for field in fields() {
-        for (axis, at_ends) in counts_at_ends.iter_mut().enumerate() {
-            at_ends[0] += usize::from(field[axis] - low[axis] <= end_width[axis]);
-            at_ends[1] += usize::from(high[axis] - field[axis] <= end_width[axis]);
+        for (axis, [at_low, at_high]) in at_ends.iter_mut().enumerate() {
+            if field[axis] - low[axis] <= end_width[axis] {
+                at_low.add(field);
+            }
+            if high[axis] - field[axis] <= end_width[axis] {
+                at_high.add(field);
+            }
         }
     }
-    [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| {
-        let is_stuck = counts_at_ends[axis as usize].iter().any(|at_end| at_end * STUCK_FRACTION_DIVISOR > count);
-        count >= MIN_SAMPLES && is_stuck
-    })
+    let is_stuck = |at_end: &FieldSpread| {
+        all.count >= MIN_SAMPLES as f32
+            && at_end.count > MIN_STUCK_FRACTION * all.count
+            && at_end.scatter_ut2() > MIN_STUCK_SCATTER * all.scatter_ut2()
+    };
+    [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| at_ends[axis as usize].iter().any(is_stuck))
 }
 
 /// Minimum number of covered directions of 24: the six faces of a cube with four quadrants each. Left and right turns

@@ -48,8 +48,7 @@ fn the_expected_error_of_every_method_is_honest() {
     }
 }
 
-fn solve_with_consider_states(recorded: &RecordedTurns, bias_rad: f32, bank_scale: f32) -> Solution {
-    let consider = ConsiderSigmas { bias_rad, bank_scale };
+fn solve_with_consider_states(recorded: &RecordedTurns, consider: ConsiderSigmas) -> Solution {
     let solver =
         Solver::with_consider_sigmas(Method::MaximumLikelihood, recorded.turns(), &NO_PRIOR, consider).unwrap();
     solver.run(recorded.turns()).unwrap()
@@ -61,28 +60,34 @@ fn heading_difference_deg(airframe: &Airframe, first: &Calibration, other: &Cali
     rms(&errors.map(|(a, b)| wrap_pi((a - b).to_radians()).to_degrees()).collect::<Vec<_>>())
 }
 
-/// Consider states: the predicted effect of 0.5 deg of roll and pitch bias and of 3 % of bank scale against new
-/// solutions with these errors. Higher orders leave 1 % and 4 %.
+/// Consider states: the predicted effect of 0.5 deg of roll and pitch bias, of 3 % of bank scale and of 3 % of cross-axis
+/// sensitivity against new solutions with these errors. Higher orders leave 1 %, 4 % and 4 %.
 #[test]
 fn consider_states_predict_the_effect_of_attitude_errors() {
     for (seed, airframe, recorded) in flights(0..6) {
-        let (bias_rad, bank_scale) = (0.0087, 0.03);
-        let plain = solve_with_consider_states(&recorded, 0.0, 0.0);
-        let solution_with = |change: &dyn Fn(RollPitch) -> RollPitch| {
-            let changed = recorded.map_samples(|sample| Sample { attitude: change(sample.attitude), ..*sample });
-            let changed = solve_with_consider_states(&changed, 0.0, 0.0).calibration;
+        let (bias_rad, share) = (0.0087, 0.03);
+        let plain = solve_with_consider_states(&recorded, ConsiderSigmas::ZERO);
+        let solution_with = |change: fn(RollPitch, f32) -> RollPitch, size: f32| {
+            let changed = recorded.map_samples(|sample| Sample { attitude: change(sample.attitude, size), ..*sample });
+            let changed = solve_with_consider_states(&changed, ConsiderSigmas::ZERO).calibration;
             heading_difference_deg(&airframe, &plain.calibration, &changed)
         };
-        let rolled = solution_with(&|a| RollPitch { roll_rad: a.roll_rad + bias_rad, ..a });
-        let pitched = solution_with(&|a| RollPitch { pitch_rad: a.pitch_rad + bias_rad, ..a });
-        let scaled = solution_with(&|a| RollPitch { roll_rad: a.roll_rad * (1.0 + bank_scale), ..a });
-        let expected = |bias_rad, bank_scale| {
-            let considered = solve_with_consider_states(&recorded, bias_rad, bank_scale).quality.expected_rms_deg;
-            (considered.powi(2) - plain.quality.expected_rms_deg.powi(2)).sqrt()
-        };
-        let (bias, scale) = (expected(bias_rad, 0.0), expected(0.0, bank_scale));
-        assert!((bias / rolled.hypot(pitched) - 1.0).abs() < 0.02, "seed {seed}: {bias} {rolled} {pitched}");
-        assert!((scale / scaled - 1.0).abs() < 0.06, "seed {seed}: {scale} {scaled}");
+        let rolled = solution_with(|a, bias| RollPitch { roll_rad: a.roll_rad + bias, ..a }, bias_rad);
+        let pitched = solution_with(|a, bias| RollPitch { pitch_rad: a.pitch_rad + bias, ..a }, bias_rad);
+        let scaled = solution_with(|a, share| RollPitch { roll_rad: a.roll_rad * (1.0 + share), ..a }, share);
+        let roll_by_pitch =
+            solution_with(|a, share| RollPitch { roll_rad: a.roll_rad + share * a.pitch_rad, ..a }, share);
+        let pitch_by_roll =
+            solution_with(|a, share| RollPitch { pitch_rad: a.pitch_rad + share * a.roll_rad, ..a }, share);
+        for (consider, actual_deg, tolerance) in [
+            (ConsiderSigmas { bias_rad, ..ConsiderSigmas::ZERO }, rolled.hypot(pitched), 0.02),
+            (ConsiderSigmas { bank_scale: share, ..ConsiderSigmas::ZERO }, scaled, 0.06),
+            (ConsiderSigmas { cross_axis: share, ..ConsiderSigmas::ZERO }, roll_by_pitch.hypot(pitch_by_roll), 0.06),
+        ] {
+            let considered_deg = solve_with_consider_states(&recorded, consider).quality.expected_rms_deg;
+            let predicted_deg = (considered_deg.powi(2) - plain.quality.expected_rms_deg.powi(2)).sqrt();
+            assert!((predicted_deg / actual_deg - 1.0).abs() < tolerance, "seed {seed}: {consider:?} {actual_deg}");
+        }
     }
 }
 
@@ -105,7 +110,7 @@ fn autocorrelated_attitude_errors_raise_the_expected_error() {
                     sample.attitude.pitch_rad += 0.01 * errors[1];
                 }
             }
-            let solution = solve_with_consider_states(&noisy, 0.0, 0.0);
+            let solution = solve_with_consider_states(&noisy, ConsiderSigmas::ZERO);
             (solution.quality.expected_rms_deg, airframe.error_ratio(&solution))
         };
         let (white, correlated) = (noisy(0.0), noisy(0.8));

@@ -86,13 +86,17 @@ fn a_stuck_axis_is_reported() {
     }
 }
 
-/// Level flight on one heading moves no axis.
+/// Level flight on one heading moves no axis, nor does a module held still where an axis reads most.
 #[test]
 fn only_turns_show_that_an_axis_is_stuck() {
-    let (_, RecordedTurns { left, right }) = ordinary_flight(Flight::TYPICAL);
+    let (_, RecordedTurns { left, mut right }) = ordinary_flight(Flight::TYPICAL);
     let level = [left[0]; 200];
     let samples = Parts { left: &left, right: &right, level: &level, ..Parts::default() }.samples();
     assert_eq!(solve_error(Method::TwoPlane, samples), None);
+    let most = right.iter().enumerate().max_by(|(_, a), (_, b)| a.field.ut.y.total_cmp(&b.field.ut.y)).unwrap().0;
+    right.splice(most..most, [right[most]; 150]);
+    let samples = Parts { left: &left, right: &right, ..Parts::default() }.samples();
+    assert_eq!(solve_error(Method::MaximumLikelihood, samples), None);
 }
 
 #[test]

@@ -147,14 +147,17 @@ pub struct ConsiderSigmas {
     pub bias_rad: f32,
     /// Bank-angle scale error in turns, dimensionless; 1 % for an attitude filter that uses airspeed.
     pub bank_scale: f32,
+    /// Share of the pitch that the roll has in addition, and of the roll that the pitch has, dimensionless: the cross-axis
+    /// sensitivity of a gyro that measures them. It turns the heading by about this angle.
+    pub cross_axis: f32,
 }
 
 impl ConsiderSigmas {
     /// Standard deviations of the attitude errors of a good autopilot.
-    pub const DEFAULT: Self = Self { bias_rad: 0.0035, bank_scale: 0.01 };
+    pub const DEFAULT: Self = Self { bias_rad: 0.0035, bank_scale: 0.01, cross_axis: 0.0 };
 
     /// Error-free attitude source.
-    pub const ZERO: Self = Self { bias_rad: 0.0, bank_scale: 0.0 };
+    pub const ZERO: Self = Self { bias_rad: 0.0, bank_scale: 0.0, cross_axis: 0.0 };
 }
 
 /// Time course of a hard-iron change.

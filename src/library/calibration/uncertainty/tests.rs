@@ -137,7 +137,7 @@ fn covariance_is_the_sum_of_its_terms() {
     let g = j * inverse;
     let change = j * information.linear_system.step_to_maximum().unwrap();
     let latency = AttitudeLatency { estimate_s: 0.0, sigma_s: 0.01 };
-    let consider = assumed_sigmas(ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02 }, Some(latency));
+    let consider = assumed_sigmas(ConsiderSigmas { bias_rad: 0.003, bank_scale: 0.02, cross_axis: 0.0 }, Some(latency));
     let norm = (Matrix13::identity() + row * row.transpose()) * 1e4;
     let doubted = norm + inclination_row * inclination_row.transpose() * (3e3 * 2.0);
     let mut expected = g * j.transpose() + g * doubted * g.transpose();
