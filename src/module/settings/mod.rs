@@ -232,8 +232,8 @@ pub struct SettingChange {
 }
 
 impl SettingChange {
-    /// Change of the setting with this parameter name to a number, or to no angle; `None` if no setting has the name, or
-    /// if the setting takes no such value.
+    /// Change of the setting with this parameter name to a number, or to no angle; `None` for an unknown name, a value of
+    /// another kind, or of no choice.
     #[must_use]
     pub fn named(parameter_name: &str, number: impl Into<Option<f32>>) -> Option<Self> {
         Setting::from_parameter_name(parameter_name.as_bytes())?.change_to(SettingValue::Number(number.into()))
