@@ -5,11 +5,13 @@ use mavlink_dialect::{ATTITUDE_DATA, MessageData as _};
 use simulator::mission::{TurnPlan, fly_mission};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
+use simulator::routine::CalibrationRoutine;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
+use simulator::world::autopilot::Leg;
 use testkit::frames::mavlink_heartbeat;
 
-use crate::fixtures::{share_of_flights, status_line};
+use crate::fixtures::{max_error_deg, run_for_s, run_until_legs_end, share_of_flights, status_line};
 
 fn own_config(seed: u64) -> WorldConfig {
     WorldConfig { attitude: AttitudeSource::Own, ..WorldConfig::of_table1(seed) }
@@ -46,6 +48,35 @@ fn vehicles_without_an_autopilot_have_a_heading() {
     for (vehicle_kind, limit_deg) in [(VehicleKind::Rover, 1.2), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 1.0)] {
         let (rms_deg, within_two_sigma) = fly_missions(vehicle_kind);
         assert!(rms_deg < limit_deg && within_two_sigma > 0.93, "{vehicle_kind:?}: {rms_deg} {within_two_sigma}");
+    }
+}
+
+/// Fast movements leave gaps between the samples, over which the monitor must not integrate. 3 deg: three of the sigmas that are
+/// sent with the headings of the hand at rest.
+#[test]
+fn a_hand_that_goes_on_turning_the_module_keeps_its_heading() {
+    for seed in 1..=3 {
+        let world = WorldConfig { attitude: AttitudeSource::Own, ..WorldConfig::random_world(seed) };
+        let mut rig = Rig::new(world.with_vehicle_kind(VehicleKind::Hand));
+        run_for_s(&mut rig, 5.0);
+        rig.send_console_line("set attitude own");
+        rig.send_console_line("cal start");
+        let gestures = CalibrationRoutine::for_vehicle(VehicleKind::Hand, TurnPlan::default(), 0.0).legs();
+        for &leg in gestures.iter().chain(&gestures).chain([&Leg::Hover { seconds: 5.0 }]) {
+            rig.world.append_leg(leg);
+            run_until_legs_end(&mut rig);
+        }
+        let notes = rig.take_console_output();
+        assert!(notes.contains("note calibrated") && !notes.contains("-moved"), "{seed}: {notes}");
+        let true_deg = rig.world.true_state(rig.now_us()).heading_deg();
+        let _ = rig.instrument.receive_bytes();
+        run_for_s(&mut rig, 10.0);
+        let text = String::from_utf8_lossy(&rig.instrument.receive_bytes()).into_owned();
+        let headings_deg: Vec<f64> =
+            text.lines().filter_map(|line| line.strip_prefix("$HCHDM,")?.split(',').next()?.parse().ok()).collect();
+        assert!(headings_deg.len() >= 99, "{seed}: {} headings", headings_deg.len());
+        let error_deg = max_error_deg(headings_deg, true_deg);
+        assert!(error_deg < 3.0, "{seed}: {error_deg}");
     }
 }
 

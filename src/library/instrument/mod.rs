@@ -342,7 +342,8 @@ impl Instrument {
             .map(|gyro_heading| gyro_heading.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        self.monitor.process_sample(&monitored, at, &sample, gyro_heading);
+        let can_mount_turn = self.attitude_track.own_tilt_covariance().is_none();
+        self.monitor.process_sample(&monitored, at, &sample, gyro_heading, can_mount_turn);
         let adjustment = self.monitor.monitor_output();
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();

@@ -101,7 +101,9 @@ impl MountTurnEffect {
 
 /// The Earth's field in body axes, by a sample and the states; and its derivative by the turn of the mount.
 pub(super) fn body_field(sample: &MonitorSample, states: &StateVector) -> (Field<Body>, Vector3<f32>) {
-    let [change, by_mount_turn] = sample.mount_turn_effect.field_change_and_derivative(states[MOUNT_TURN_INDEX]);
+    let [change, by_mount_turn] = sample
+        .mount_turn_effect
+        .map_or_else(Default::default, |effect| effect.field_change_and_derivative(states[MOUNT_TURN_INDEX]));
     (Field::new(sample.field + change - hard_iron_change(states)), by_mount_turn)
 }
 
@@ -119,7 +121,8 @@ pub(super) fn correct_attitude(reported: RollPitch, euler_rates: &EulerRates, st
 pub(super) struct MonitorSample {
     /// Field in body axes, relative to the calibrated field strength.
     pub field: Vector3<f32>,
-    pub mount_turn_effect: MountTurnEffect,
+    /// `None` if the mount cannot turn.
+    pub mount_turn_effect: Option<MountTurnEffect>,
     pub attitude: RollPitch,
     /// Euler-angle rates; zero if the source sends no body rates.
     pub euler_rates: EulerRates,
@@ -131,7 +134,8 @@ impl MonitorSample {
         let EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s } = *euler_rates;
         let angles = attitude.roll_rad + attitude.pitch_rad + roll_rad_s + pitch_rad_s + heading_rad_s;
         // A sum with infinity or NaN is not finite.
-        (field.sum() + mount_turn_effect.change_by_one_minus_cosine.sum() + angles).is_finite()
+        let change = mount_turn_effect.map_or(0.0, |effect| effect.change_by_one_minus_cosine.sum());
+        (field.sum() + change + angles).is_finite()
     }
 }
 
@@ -276,10 +280,10 @@ mod tests {
         let level = Field::earth_field(1.0 + number(0.1), 0.8 + number(0.2), number(3.0));
         MonitorSample {
             field: attitude.to_body_frame(level).ut,
-            mount_turn_effect: MountTurnEffect {
+            mount_turn_effect: Some(MountTurnEffect {
                 change_by_sine: Vector3::from_fn(|_, _| number(1.0)),
                 change_by_one_minus_cosine: Vector3::from_fn(|_, _| number(1.0)),
-            },
+            }),
             attitude,
             euler_rates: EulerRates { roll_rad_s: number(1.0), pitch_rad_s: number(0.5), heading_rad_s: number(0.6) },
         }

@@ -70,12 +70,12 @@ use parameters::{
     FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
     MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
     MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
-    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_LEVEL_BANK_RAD,
-    MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
-    MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
-    MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION,
-    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
-    VARIANCE_FLOORS, state_noise,
+    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S,
+    MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLE_GAP_S, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD,
+    MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT,
+    MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S,
+    POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2,
+    UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2.3 KB.
@@ -156,7 +156,8 @@ impl Monitor {
         &self.output
     }
 
-    /// Processes a sample whose last reading was at `at`, with the gyro turn at the sample's own time.
+    /// Processes a sample whose last reading was at `at`, with the gyro turn at the sample's own time. A mount can turn
+    /// against the attitude of an autopilot, not against that of the module's own sensors.
     #[inline(never)]
     pub fn process_sample(
         &mut self,
@@ -164,6 +165,7 @@ impl Monitor {
         at: Timestamp,
         sample: &Sample,
         gyro_heading: Option<GyroHeading>,
+        can_mount_turn: bool,
     ) {
         let calibration = monitored.calibration;
         let field = calibration.corrected_body_field(sample).ut / calibration.total_ut;
@@ -172,7 +174,7 @@ impl Monitor {
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let monitor_sample = MonitorSample {
             field,
-            mount_turn_effect: MountTurnEffect::new(calibration, &position),
+            mount_turn_effect: can_mount_turn.then(|| MountTurnEffect::new(calibration, &position)),
             attitude: sample.latency_compensated_attitude(calibration.latency_s),
             euler_rates,
         };
@@ -397,7 +399,9 @@ impl Monitor {
                 is_usable
             }
             GateResult::ChangeDetected { exceeding_residuals } => {
-                let turn = explained_turn(calibration, &model.calibrated_field_residual, normalised_field);
+                let turn = sample
+                    .mount_turn_effect
+                    .and_then(|_| explained_turn(calibration, &model.calibrated_field_residual, normalised_field));
                 let roll_rad = sample.attitude.roll_rad;
                 self.inflate_covariance(model, exceeding_residuals, roll_rad);
                 self.attribute_to_mount_turn(turn, is_level(roll_rad), exceeding_residuals);
@@ -490,8 +494,11 @@ impl Monitor {
 
     /// Updates with the coordinated-turn pseudo-measurement at the end of its window.
     fn update_coordinated_turn(&mut self, sample: &MonitorSample, gyro_error_row: &GyroErrors, step_s: f32) {
+        if step_s > MAX_INTEGRATED_STEP_S {
+            self.coordinated_turn = CoordinatedTurn::EMPTY;
+            return;
+        }
         let states = self.filter.mean();
-        let step_s = step_s.min(MAX_SAMPLE_GAP_S);
         let measured =
             self.coordinated_turn.integrate(sample.attitude, &sample.euler_rates, gyro_error_row, step_s, states);
         if let Some(measurement) = measured {

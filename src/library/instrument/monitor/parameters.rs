@@ -89,6 +89,10 @@ pub(super) const UNOBSERVED_DECAY_TIME_S: f32 = 1000.0;
 /// Longest interval over which the gyro heading offset is kept, seconds.
 pub(super) const MAX_SAMPLE_GAP_S: f32 = 3.0;
 
+/// Longest interval between two samples over which rates are integrated, seconds: three usual ones. In a longer one they may
+/// be those of another movement.
+pub(super) const MAX_INTEGRATED_STEP_S: f32 = 0.3;
+
 /// Assumed interval before the first sample, seconds: the usual one.
 pub(super) const INITIAL_STEP_S: f32 = 0.1;
 

@@ -52,6 +52,7 @@ struct Flight {
     sample_count: u32,
     /// Whether the source sends body rates.
     has_gyro: bool,
+    can_mount_turn: bool,
     gyro_heading_offset_rad: f32,
     gyro_run_number: u8,
     current: MotorCurrent,
@@ -108,6 +109,7 @@ impl Flight {
             errors: SimulatedErrors::default(),
             sample_count: 0,
             has_gyro: true,
+            can_mount_turn: true,
             gyro_heading_offset_rad: 2.0,
             gyro_run_number: 0,
             current: MotorCurrent::UNKNOWN,
@@ -168,7 +170,7 @@ impl Flight {
         let at = Timestamp::from_us(u64::from(self.sample_count) * 100_000);
         let sample = Sample { time: at.wrapping_millis(), ..sample };
         let monitored = monitored_calibration(&self.calibration, &self.uncertainty);
-        self.monitor.process_sample(&monitored, at, &sample, gyro_heading);
+        self.monitor.process_sample(&monitored, at, &sample, gyro_heading, self.can_mount_turn);
     }
 
     fn fly_seconds(&mut self, seconds: u32) -> FlightResult {
@@ -220,7 +222,7 @@ fn sample_at_rest(inclination_rad: f32, attitude: RollPitch) -> MonitorSample {
     let field = attitude.to_body_frame(Field::earth_field(1.0, inclination_rad, 0.0)).ut;
     MonitorSample {
         field,
-        mount_turn_effect: MountTurnEffect::new(&Flight::new(0).calibration, &field),
+        mount_turn_effect: Some(MountTurnEffect::new(&Flight::new(0).calibration, &field)),
         attitude,
         euler_rates: EulerRates::default(),
     }
