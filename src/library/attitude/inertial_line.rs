@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix2;
 
+use super::latency_estimator::LatencyEstimator;
 use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
@@ -21,7 +22,8 @@ pub(super) const MAX_OWN_GAP_US: u32 = 50_000;
 const MAX_RATE_DIFFERENCE_RAD_S: f32 = 1.5 * DEG;
 const MAX_RELATIVE_DIFFERENCE: f32 = 0.1;
 
-/// Consecutive reports with a larger difference after which the own body rates are not used: 0.3 s at 40 Hz, longer than a latency.
+/// Consecutive reports with a larger difference after which the own body rates are not used, unless a long latency explains it: 0.3 s
+/// at 40 Hz, longer than a usual latency.
 const MAX_CONTRADICTING_REPORTS: u8 = 12;
 
 /// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
@@ -43,6 +45,7 @@ pub(super) struct InertialLine {
     contradicting_reports: u8,
     is_contradicted: bool,
     rejected_rates: u32,
+    latency_estimator: LatencyEstimator,
 }
 
 impl InertialLine {
@@ -56,6 +59,7 @@ impl InertialLine {
             contradicting_reports: 0,
             is_contradicted: false,
             rejected_rates: 0,
+            latency_estimator: LatencyEstimator::new(),
         }
     }
 
@@ -80,6 +84,10 @@ impl InertialLine {
             body_rates: BodyRates::from_rad_s(rates_rad_s.into())
                 .map(|rates| rates.with_frame_heading(estimate.frame_heading_rad)),
         };
+        if self.estimates.newest().is_some_and(|last| last.report.sender != report.sender) {
+            self.latency_estimator.forget_own_attitudes();
+        }
+        self.latency_estimator.push_own_attitude(at, report.attitude);
         self.estimates.push_report(at, report, MAX_OWN_GAP_US);
     }
 
@@ -103,9 +111,27 @@ impl InertialLine {
         (HAS_OWN_ATTITUDE && is_alone).then_some(&self.estimates)
     }
 
+    /// An autopilot's report of an instant, with the attitude advanced by its latency, and own body rates.
+    pub fn improved_report(&mut self, at: Timestamp, report: AttitudeReport) -> AttitudeReport {
+        if !HAS_OWN_ATTITUDE {
+            return report;
+        }
+        self.latency_estimator.push_report(at, report.attitude);
+        AttitudeReport {
+            attitude: self.latency_estimator.advance_report(at, report.attitude),
+            body_rates: self.checked_body_rates_at(at, report.body_rates).or(report.body_rates),
+            ..report
+        }
+    }
+
     /// Body rates at the instant of an autopilot's report, unless its own contradict them: then those are used, and after some such
     /// reports in a row for good. Either may be wrong; the autopilot's are those of a module without a gyro.
-    pub fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
+    fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
+        if self.latency_estimator.latency_us() > 0 {
+            // Late body rates differ.
+            self.is_contradicted = false;
+            return self.body_rates_at(at);
+        }
         let rates = self.body_rates_at(at)?;
         let differs = autopilot_rates.is_some_and(|autopilot_rates| differs_much(rates, autopilot_rates));
         if autopilot_rates.is_some() {
@@ -117,6 +143,11 @@ impl InertialLine {
             self.contradicting_reports = 0;
         }
         Some(rates).filter(|_| !differs && !self.is_contradicted)
+    }
+
+    /// Latency of the autopilot's attitude that is corrected, microseconds.
+    pub fn corrected_latency_us(&self) -> u64 {
+        self.latency_estimator.latency_us()
     }
 
     /// Number of reports whose body rates contradicted the own ones.

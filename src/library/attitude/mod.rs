@@ -6,6 +6,7 @@ mod config;
 mod euler_rates;
 mod history;
 mod inertial_line;
+mod latency_estimator;
 mod line_selector;
 mod lookup;
 mod plausibility;
@@ -65,14 +66,13 @@ impl AttitudeTrack {
     }
 
     /// Adds an autopilot's report whose last byte arrived at `arrival`; returns whether its source is used. Own body rates
-    /// replace those of the report.
-    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) -> bool {
+    /// replace those of the report, and a long latency of its attitude is corrected.
+    pub fn push_report(&mut self, arrival: Timestamp, report: AttitudeReport) -> bool {
         if !self.own.accept_autopilot_report() {
             return false;
         }
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
-        report.body_rates = self.own.checked_body_rates_at(described_at, report.body_rates).or(report.body_rates);
-        self.autopilot.push_report(arrival, report);
+        self.autopilot.push_report(arrival, self.own.improved_report(described_at, report));
         true
     }
 
@@ -97,6 +97,12 @@ impl AttitudeTrack {
     #[must_use]
     pub fn own_tilt_covariance(&self) -> Option<Matrix2<f32>> {
         self.own.tilt_covariance_in_use()
+    }
+
+    /// Latency of the autopilot's attitude that is corrected by own body rates, microseconds; 0 if it is short.
+    #[must_use]
+    pub fn corrected_latency_us(&self) -> u64 {
+        self.own.corrected_latency_us()
     }
 
     /// Counts of rejected reports.

@@ -150,7 +150,7 @@ impl Instrument {
         }
     }
 
-    /// Restarts the monitor after a change of calibration or of expected errors, or wrong body rates.
+    /// Restarts the monitor after a change of calibration, of expected errors or of the attitude's latency, or wrong body rates.
     #[inline(never)]
     fn restart_monitor(&mut self, correction: Correction) {
         self.monitor = Monitor::new(correction.sensor_errors);
@@ -176,6 +176,7 @@ impl Instrument {
     #[inline(never)]
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
         let rejected_before = self.attitude_track.rejected_reports().rate_contradictions;
+        let latency_before_us = self.attitude_track.corrected_latency_us();
         if !self.attitude_track.push_report(at, report) {
             return;
         }
@@ -183,7 +184,8 @@ impl Instrument {
         let is_contradicted = self.attitude_track.rejected_reports().rate_contradictions != rejected_before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
-        if self.consecutive_rejected_rates == MAX_CONSECUTIVE_REJECTED_RATES {
+        let is_latency_changed = self.attitude_track.corrected_latency_us() != latency_before_us;
+        if is_latency_changed || self.consecutive_rejected_rates == MAX_CONSECUTIVE_REJECTED_RATES {
             self.restart_monitor(self.active_calibration.stored_correction.clone());
         }
     }
