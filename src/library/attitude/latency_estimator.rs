@@ -5,6 +5,7 @@
 
 use core::array;
 
+use super::source::HAS_OWN_ATTITUDE;
 use crate::frames::{RollPitch, wrap_pi};
 use crate::time::Timestamp;
 use crate::trig::{DEG, square};
@@ -16,7 +17,7 @@ const CANDIDATE_STEP_US: u64 = 50_000;
 const CANDIDATE_COUNT: usize = 13;
 
 /// Remembered own attitudes: for the longest latency, and an interval between two compared reports.
-const REMEMBERED_COUNT: usize = CANDIDATE_COUNT + 6;
+const REMEMBERED_COUNT: usize = if HAS_OWN_ATTITUDE { CANDIDATE_COUNT + 6 } else { 1 };
 
 /// Shortest interval between compared reports, microseconds: in it a source in steps of 0.1 deg changes by several, in a roll.
 const COMPARISON_US: u64 = 200_000;
