@@ -109,5 +109,5 @@ fn interpolate_between(
     let gap_us = after.sent_at.us_since(before.sent_at);
     let fraction = sent_at.us_since(before.sent_at) as f32 / gap_us as f32;
     (sent_at == before.sent_at || gap_us <= u64::from(max_gap_us))
-        .then(|| interpolate(&before.report, &after.report, fraction))
+        .then(|| interpolate(before.report.attitude, after.report.attitude, fraction))
 }

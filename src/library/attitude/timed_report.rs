@@ -17,13 +17,10 @@ pub(super) struct TimedReport {
 }
 
 /// Linear interpolation, by the shorter way in roll.
-pub(super) fn interpolate(before: &AttitudeReport, after: &AttitudeReport, fraction: f32) -> RollPitch {
-    let (attitude_before, attitude_after) = (before.attitude, after.attitude);
+pub(super) fn interpolate(before: RollPitch, after: RollPitch, fraction: f32) -> RollPitch {
     RollPitch {
-        roll_rad: wrap_pi(
-            attitude_before.roll_rad + fraction * wrap_pi(attitude_after.roll_rad - attitude_before.roll_rad),
-        ),
-        pitch_rad: attitude_before.pitch_rad + fraction * (attitude_after.pitch_rad - attitude_before.pitch_rad),
+        roll_rad: wrap_pi(before.roll_rad + fraction * wrap_pi(after.roll_rad - before.roll_rad)),
+        pitch_rad: before.pitch_rad + fraction * (after.pitch_rad - before.pitch_rad),
     }
 }
 
