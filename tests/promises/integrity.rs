@@ -406,6 +406,17 @@ fn a_long_latency_is_corrected_by_the_own_gyro() {
     }
 }
 
+/// An attitude that repeats but for noise is found after smaller movements by the own gyro, whose errors are smaller. Measured: 0 % bad,
+/// and 4.4 % while the own gyro was refused before its offset was known, and an autopilot's limits applied.
+#[test]
+fn a_hanging_attitude_is_found_by_the_own_gyro() {
+    let plan =
+        IntegrityPlan { seed: 41, aircraft: VehicleKind::Vtol, attitude: AttitudeSource::Automatic, ..TEST_PLAN };
+    for row in run_whole_plan(plan, &["attitude-hangs"]) {
+        assert!(row.bad_percent <= 0.5 && row.empty_percent >= 80.0, "{row:?}");
+    }
+}
+
 #[test]
 fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     for (case, bad_percent) in [("gyro-1-moved-5", 0.5), ("gyro-5-moved-5", 1.0), ("gyro-10-moved-5", 3.0)] {

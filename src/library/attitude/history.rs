@@ -46,6 +46,8 @@ pub struct AttitudeHistory {
     freeze_detector: FreezeDetector,
     initial_alignment_detector: InitialAlignmentDetector,
     stale_attitude_detector: StaleAttitudeDetector,
+    /// Rates of the module's own gyro at the instant of the next report.
+    own_body_rates: Option<BodyRates>,
     /// Time of the first report after a restart of the sender.
     restarted_at: Option<Timestamp>,
     /// Time of the last report, while the source is aligning or its attitude is stale.
@@ -66,11 +68,17 @@ impl AttitudeHistory {
             freeze_detector: FreezeDetector::new(),
             initial_alignment_detector: InitialAlignmentDetector::new(),
             stale_attitude_detector: StaleAttitudeDetector::new(),
+            own_body_rates: None,
             restarted_at: None,
             last_contradicted_at: None,
             rate_consistency: RateConsistency::EMPTY,
             rejected_reports: RejectedReports::NO_REJECTIONS,
         }
+    }
+
+    /// Sets the rates of the module's own gyro at the instant of the next report, to find a stale attitude.
+    pub const fn set_own_body_rates(&mut self, own_body_rates: Option<BodyRates>) {
+        self.own_body_rates = own_body_rates;
     }
 
     /// Adds a report whose last byte arrived at `arrival`.
@@ -110,7 +118,8 @@ impl AttitudeHistory {
         let is_aligning = self.initial_alignment_detector.process_report(at, report)
             && !self.rate_consistency.is_contradicted()
             || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
-        let is_stale = self.stale_attitude_detector.process_report(at, report);
+        let body_rates = self.own_body_rates.or(report.body_rates);
+        let is_stale = self.stale_attitude_detector.process_report(at, &AttitudeReport { body_rates, ..*report });
         self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
         if is_stale {
             self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);

@@ -75,13 +75,16 @@ impl InertialLine {
         }
         self.tilt_covariance = estimate.tilt_covariance;
         self.is_accurate = estimate.is_accurate;
-        let rates_rad_s =
-            if self.source == AttitudeSource::Own { estimate.rates_rad_s } else { estimate.measured_rates_rad_s };
+        let rates_rad_s = match self.source {
+            AttitudeSource::Own => Some(estimate.rates_rad_s),
+            _ => estimate.measured_rates_rad_s,
+        };
         let report = AttitudeReport {
             sender: SenderId::new(estimate.start_count.into()),
             sender_clock_at_sending: WrappingMillis::default(),
             attitude: estimate.attitude,
-            body_rates: BodyRates::from_rad_s(rates_rad_s.into())
+            body_rates: rates_rad_s
+                .and_then(|rates_rad_s| BodyRates::from_rad_s(rates_rad_s.into()))
                 .map(|rates| rates.with_frame_heading(estimate.frame_heading_rad)),
         };
         if self.estimates.newest().is_some_and(|last| last.report.sender != report.sender) {
@@ -111,22 +114,25 @@ impl InertialLine {
         (HAS_OWN_ATTITUDE && is_alone).then_some(&self.estimates)
     }
 
-    /// An autopilot's report of an instant, with the attitude advanced by its latency, and own body rates.
+    /// An autopilot's report of an instant, with the attitude advanced by a long latency, and then own body rates. Otherwise they serve
+    /// a source without any: an autopilot's filter knows the offset of its gyro better. With own rates in each report the RMS of planes
+    /// is 0.33 instead of 0.26 deg.
     pub fn improved_report(&mut self, at: Timestamp, report: AttitudeReport) -> AttitudeReport {
         if !HAS_OWN_ATTITUDE {
             return report;
         }
         self.latency_estimator.push_report(at, report.attitude);
+        let is_late = self.latency_estimator.latency_us() > 0;
         AttitudeReport {
             attitude: self.latency_estimator.advance_report(at, report.attitude),
-            body_rates: self.checked_body_rates_at(at, report.body_rates).or(report.body_rates),
+            body_rates: report.body_rates.filter(|_| !is_late).or_else(|| self.body_rates_at(at)).or(report.body_rates),
             ..report
         }
     }
 
-    /// Body rates at the instant of an autopilot's report, unless its own contradict them: then those are used, and after some such
-    /// reports in a row for good. Either may be wrong; the autopilot's are those of a module without a gyro.
-    fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
+    /// Own body rates at the instant of an autopilot's report, to check its attitude, unless the report's body rates contradict them;
+    /// after some such reports in a row for good. Either may be wrong; the autopilot's are those of a module without a gyro.
+    pub fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
         if self.latency_estimator.latency_us() > 0 {
             // Late body rates differ.
             self.is_contradicted = false;
@@ -157,7 +163,10 @@ impl InertialLine {
 
     /// Body rates at an instant.
     pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
-        if HAS_OWN_ATTITUDE && !self.is_contradicted { self.estimates.body_rates_at(at, MAX_OWN_GAP_US) } else { None }
+        if !HAS_OWN_ATTITUDE || self.is_contradicted {
+            return None;
+        }
+        Some(self.estimates.body_rates_at(at, MAX_OWN_GAP_US)?.as_own())
     }
 
     /// Whether the attitude in use is known well enough for a sample.

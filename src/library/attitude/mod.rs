@@ -65,13 +65,14 @@ impl AttitudeTrack {
         self.own.push_estimate(at, estimate);
     }
 
-    /// Adds an autopilot's report whose last byte arrived at `arrival`; returns whether its source is used. Own body rates
-    /// replace those of the report, and a long latency of its attitude is corrected.
+    /// Adds an autopilot's report whose last byte arrived at `arrival`; returns whether its source is used. Own body rates show
+    /// a stale attitude, and a long latency, which is corrected.
     pub fn push_report(&mut self, arrival: Timestamp, report: AttitudeReport) -> bool {
         if !self.own.accept_autopilot_report() {
             return false;
         }
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
+        self.autopilot.set_own_body_rates(self.own.checked_body_rates_at(described_at, report.body_rates));
         self.autopilot.push_report(arrival, self.own.improved_report(described_at, report));
         true
     }

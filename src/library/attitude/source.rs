@@ -13,7 +13,7 @@ pub enum AttitudeSource {
     Autopilot,
     /// Attitude and body rates of the module's own gyro and accelerometer.
     Own,
-    /// The autopilot's attitude with own body rates, or the own attitude where no autopilot has reported one.
+    /// The autopilot's attitude, checked by the own gyro, or the own attitude where no autopilot has reported one.
     Automatic,
 }
 

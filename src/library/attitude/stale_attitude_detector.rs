@@ -23,16 +23,26 @@ const GYRO_OFFSET_TIME_CONSTANT_S: f32 = 30.0;
 /// Largest gyro offset on an axis, rad/s: that of the monitor.
 const MAX_GYRO_OFFSET_RAD_S: f32 = 0.15;
 
-/// Smallest predicted but missing motion of the vertical, radians (4 deg): a gyro offset of 1 deg/s on two axes reaches
-/// 2.8 deg, noise of the attitude 0.6 deg.
-const MIN_MISSING_MOTION_RAD: f32 = 0.07;
+/// What shows a stale attitude; depends on the errors of the gyro.
+#[derive(Debug)]
+struct MotionLimits {
+    /// Smallest predicted but missing motion of the vertical, radians.
+    min_missing_rad: f32,
+    /// Additional missing motion per radian turned.
+    min_missing_per_rad: f32,
+    /// Largest ratio of the reported to the predicted motion of the vertical.
+    max_motion_ratio: f32,
+}
 
-/// Additional missing motion per radian turned: gyro scale and cross-axis errors of 10 % on two axes are 14 %.
-const MIN_MISSING_MOTION_PER_RAD: f32 = 0.15;
+impl MotionLimits {
+    /// 4 deg: a gyro offset of 1 deg/s on two axes reaches 2.8 deg, noise of the attitude 0.6 deg. Scale and cross-axis errors of 10 % on
+    /// two axes are 14 %. A source that reports a third of the bank is not detected.
+    const AUTOPILOT_GYRO: Self = Self { min_missing_rad: 0.07, min_missing_per_rad: 0.15, max_motion_ratio: 0.3 };
 
-/// Largest ratio of the reported to the predicted motion of the vertical in a stale attitude. A source that reports a
-/// third of the bank is not detected.
-const MAX_STALE_MOTION_RATIO: f32 = 0.3;
+    /// 2 deg: the offset is known from rest. Scale and cross-axis errors of 3 % on two axes are 4 %, a usual latency as much. A third of the bank is detected; 70 %
+    /// is not, which the headings' sigmas include.
+    const OWN_GYRO: Self = Self { min_missing_rad: 0.035, min_missing_per_rad: 0.1, max_motion_ratio: 0.5 };
+}
 
 /// Smallest ratio of observed to predicted motion of a vector that follows the rates.
 const MIN_FOLLOWING_MOTION_RATIO: f32 = 0.5;
@@ -100,6 +110,7 @@ impl StaleAttitudeDetector {
             *self = Self::new();
             return false;
         };
+        let limits = if body_rates.is_own() { &MotionLimits::OWN_GYRO } else { &MotionLimits::AUTOPILOT_GYRO };
         let rates = Vector3::from(body_rates.rad_s());
         let (last_at, last_rates) = self.last_report.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
@@ -124,20 +135,20 @@ impl StaleAttitudeDetector {
         self.field_following_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_following_evidence += step_s * (observed - predicted * MIN_FOLLOWING_MOTION_RATIO).dot(predicted);
         let is_stale = if self.is_stale {
-            !self.vertical_motion.has_moved_as_predicted(MIN_MISSING_MOTION_RAD)
+            !self.vertical_motion.has_moved_as_predicted(limits.min_missing_rad)
         } else {
-            self.is_vertical_motion_missing() && self.field_motion.has_moved_as_predicted(MIN_FIELD_MOTION_RAD)
+            self.is_vertical_motion_missing(limits) && self.field_motion.has_moved_as_predicted(MIN_FIELD_MOTION_RAD)
         };
         self.is_stale = is_stale && self.field_following_evidence > 0.0;
         self.is_stale
     }
 
     /// Whether the vertical does not move while the rates show that it should.
-    fn is_vertical_motion_missing(&self) -> bool {
+    fn is_vertical_motion_missing(&self, limits: &MotionLimits) -> bool {
         let VectorMotion { observed, predicted, .. } = &self.vertical_motion;
         (predicted - observed).vector_length()
-            > MIN_MISSING_MOTION_RAD + MIN_MISSING_MOTION_PER_RAD * self.rotation_sum_rad
-            && observed.vector_length() < MAX_STALE_MOTION_RATIO * predicted.vector_length()
+            > limits.min_missing_rad + limits.min_missing_per_rad * self.rotation_sum_rad
+            && observed.vector_length() < limits.max_motion_ratio * predicted.vector_length()
     }
 }
 

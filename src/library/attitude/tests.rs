@@ -317,7 +317,7 @@ fn own_estimate(roll_deg: f32, p_deg_s: f32, frame_heading_deg: f32) -> Inertial
     InertialAttitude {
         attitude: RollPitch::from_deg(roll_deg, 0.0),
         rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0].into(),
-        measured_rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0].into(),
+        measured_rates_rad_s: Some([p_deg_s.to_radians(), 0.0, 0.0].into()),
         frame_heading_rad: frame_heading_deg.to_radians(),
         start_count: 0,
         tilt_covariance: Matrix2::identity(),
@@ -342,8 +342,8 @@ fn track_of_both(source: AttitudeSource, autopilot_deg: Option<[f32; 2]>) -> (At
     (track, sampled_at(49))
 }
 
-/// The source decides on roll and pitch. Own body rates are used beside the autopilot's attitude unless its body rates contradict
-/// them, and the own turn with the own attitude.
+/// The source decides on roll and pitch. The known rate is that of the own gyro, unless the autopilot's contradict it; the turn of the
+/// autopilot's attitude is that of its body rates, that of the own attitude the own.
 #[test]
 fn attitude_and_rates_are_those_of_the_source() {
     for (source, autopilot_deg, expected_deg, turned_deg) in [

@@ -14,7 +14,8 @@ pub struct InertialAttitude {
     /// Body rates without the estimated errors of the gyro, rad/s.
     pub rates_rad_s: Vector3<f32>,
     /// Measured body rates less the offset of the gyro at its last rest, rad/s: without what the filter makes of accelerations.
-    pub measured_rates_rad_s: Vector3<f32>,
+    /// `None` until the offset is known: at the start it is several degrees per second.
+    pub measured_rates_rad_s: Option<Vector3<f32>>,
     /// Heading in the navigation frame, rad, -pi..pi. Only differences are meaningful; they drift with the gyro's offset.
     pub frame_heading_rad: f32,
     /// Number of the filter's start, wraps. Headings of different starts cannot be compared.
@@ -30,7 +31,7 @@ impl InertialAttitude {
     /// The estimate from the rotation to the navigation frame, the rates, and the tilt's covariance in that frame.
     pub(super) fn new(
         rotation: &UnitQuaternion<f32>,
-        [rates_rad_s, measured_rates_rad_s]: [Vector3<f32>; 2],
+        (rates_rad_s, measured_rates_rad_s): (Vector3<f32>, Option<Vector3<f32>>),
         start_count: u8,
         navigation_covariance: &Matrix2<f32>,
         is_accurate: bool,
@@ -72,7 +73,7 @@ mod tests {
             [(0.0, navigation_covariance), (FRAC_PI_2, Matrix2::new(4.0, -0.5, -0.5, 1.0))]
         {
             let rotation = UnitQuaternion::from_euler_angles(0.4, -0.3, yaw_rad);
-            let estimate = InertialAttitude::new(&rotation, [Vector3::zeros(); 2], 0, &navigation_covariance, true);
+            let estimate = InertialAttitude::new(&rotation, (Vector3::zeros(), None), 0, &navigation_covariance, true);
             assert!((estimate.tilt_covariance - level_covariance).norm() < 1e-5, "{yaw_rad}");
             let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
             assert!((roll_rad - 0.4).abs() < 1e-6 && (pitch_rad + 0.3).abs() < 1e-6);

@@ -82,6 +82,9 @@ fn horizontal_direction(vector: &Vector3<f32>) -> Vector3<f32> {
     if length > 0.0 { Vector3::new(vector.x / length, vector.y / length, 0.0) } else { Vector3::x() }
 }
 
+/// Largest sigma of a known offset of the gyro, rad/s: a third of the difference from an autopilot's gyro that is a contradiction.
+const MAX_KNOWN_OFFSET_SIGMA_RAD_S: f32 = 0.5 * DEG;
+
 /// Change of the gyro's offset between two rests, rad/s: 13 K (LSM6DSL's data sheet).
 const MAX_REST_OFFSET_CHANGE_RAD_S: f32 = 0.2 * DEG;
 
@@ -350,12 +353,18 @@ impl AttitudeFilter {
         let offset_tilt_variance = self.error_filter.horizontal_offset_variance() / square(GRAVITY_M_S2);
         Some(InertialAttitude::new(
             &rotation,
-            [self.rates_rad_s, self.measured_rates_rad_s],
+            (self.rates_rad_s, Some(self.measured_rates_rad_s).filter(|_| self.is_gyro_offset_known())),
             self.start_count,
             &covariance,
             covariance.trace() <= square(MAX_SAMPLE_TILT_SIGMA_RAD)
                 && offset_tilt_variance <= square(MAX_SAMPLE_OFFSET_SIGMA_RAD),
         ))
+    }
+
+    /// Whether the gyro's offset is known on all axes: from a rest, or from an earlier estimate.
+    fn is_gyro_offset_known(&self) -> bool {
+        self.rest_offset_rad_s.is_some()
+            || self.error_filter.gyro_offset_variance().max() <= square(MAX_KNOWN_OFFSET_SIGMA_RAD_S)
     }
 
     /// Estimated offsets of the sensor, at its present temperature.

@@ -108,7 +108,7 @@ settings! {
     "VISION" stored 19: sends_vision_yaw: bool = false, Choice;
         "vision": "send true yaw to a MAVLink autopilot; needs a declination";
     "ATTITUDE" stored 31: attitude_source: AttitudeSource = AttitudeSource::Autopilot, Choice;
-        "attitude": "whose roll and pitch; auto: own body rates, and all own without an autopilot",
+        "attitude": "whose roll and pitch; auto: the autopilot's, checked by the own gyro; own without one",
         shown "attitude-source" "", used by Solve;
     // ArduPilot warns of a request above 80 % of its loop rate, 50 Hz in a plane.
     "ATTITUDE_RATE" stored 23: attitude_rate_hz: u8 = 40, Whole 20 to 50 "Hz";

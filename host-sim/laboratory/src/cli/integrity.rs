@@ -46,7 +46,7 @@ pub struct IntegrityOptions {
     /// body rates in steps of 1 deg/s
     #[arg(long, default_value = "mavlink", value_name = "mavlink|msp|msp-inav", value_parser = one_of::<AttitudeProtocol>("mavlink|msp|msp-inav"))]
     source: AttitudeProtocol,
-    /// Attitude: the autopilot's, the module's own, or the autopilot's with own body rates (auto)
+    /// Attitude: the autopilot's, the module's own, or the autopilot's, checked by the own gyro (auto)
     #[arg(long, default_value = "autopilot", value_name = "autopilot|own|auto", value_parser = named_value(&AttitudeSource::NAMED_SOURCES))]
     attitude: AttitudeSource,
     /// Heading that is sent: raw, or smoothed if available
