@@ -46,8 +46,6 @@ pub struct AttitudeHistory {
     freeze_detector: FreezeDetector,
     initial_alignment_detector: InitialAlignmentDetector,
     stale_attitude_detector: StaleAttitudeDetector,
-    /// Rates of the module's own gyro at the instant of the next report.
-    own_body_rates: Option<BodyRates>,
     /// Time of the first report after a restart of the sender.
     restarted_at: Option<Timestamp>,
     /// Time of the last report, while the source is aligning or its attitude is stale.
@@ -68,7 +66,6 @@ impl AttitudeHistory {
             freeze_detector: FreezeDetector::new(),
             initial_alignment_detector: InitialAlignmentDetector::new(),
             stale_attitude_detector: StaleAttitudeDetector::new(),
-            own_body_rates: None,
             restarted_at: None,
             last_contradicted_at: None,
             rate_consistency: RateConsistency::EMPTY,
@@ -76,13 +73,8 @@ impl AttitudeHistory {
         }
     }
 
-    /// Sets the rates of the module's own gyro at the instant of the next report, to find a stale attitude.
-    pub const fn set_own_body_rates(&mut self, own_body_rates: Option<BodyRates>) {
-        self.own_body_rates = own_body_rates;
-    }
-
-    /// Adds a report whose last byte arrived at `arrival`.
-    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport) {
+    /// Adds a report whose last byte arrived at `arrival`, with the rates of the module's own gyro at its instant, if they are known.
+    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport, own_rates: Option<BodyRates>) {
         if self.reports.newest().is_some_and(|last_report| last_report.report.sender != report.sender) {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
@@ -96,13 +88,13 @@ impl AttitudeHistory {
         if self.reports.newest().is_some_and(|last_report| last_report.sent_at >= at) {
             return;
         }
-        if self.is_plausible(at, &mut report) {
+        if self.is_plausible(at, &mut report, own_rates) {
             self.reports.push_report(at, report, self.config.max_integrated_gap_us);
         }
     }
 
     /// Tests a report against the ones before and against the field; drops rates that contradict the attitude.
-    fn is_plausible(&mut self, at: Timestamp, report: &mut AttitudeReport) -> bool {
+    fn is_plausible(&mut self, at: Timestamp, report: &mut AttitudeReport, own_rates: Option<BodyRates>) -> bool {
         self.freeze_detector.process_report(at, report);
         if self.freeze_detector.frozen_at().is_some() {
             self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);
@@ -118,8 +110,7 @@ impl AttitudeHistory {
         let is_aligning = self.initial_alignment_detector.process_report(at, report)
             && !self.rate_consistency.is_contradicted()
             || self.restarted_at.is_some_and(|restart| at.us_since(restart) < ALIGNMENT_AFTER_RESTART_US);
-        let body_rates = self.own_body_rates.or(report.body_rates);
-        let is_stale = self.stale_attitude_detector.process_report(at, &AttitudeReport { body_rates, ..*report });
+        let is_stale = self.stale_attitude_detector.process_report(at, report, own_rates);
         self.last_contradicted_at = (is_aligning || is_stale).then_some(at);
         if is_stale {
             self.rejected_reports.frozen_reports = self.rejected_reports.frozen_reports.wrapping_add(1);

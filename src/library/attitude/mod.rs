@@ -72,8 +72,8 @@ impl AttitudeTrack {
             return false;
         }
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
-        self.autopilot.set_own_body_rates(self.own.checked_body_rates_at(described_at, report.body_rates));
-        self.autopilot.push_report(arrival, self.own.improved_report(described_at, report));
+        let (report, own_rates) = self.own.improved_report(described_at, report);
+        self.autopilot.push_report(arrival, report, own_rates);
         true
     }
 

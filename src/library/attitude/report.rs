@@ -24,7 +24,6 @@ pub struct BodyRates {
     rad_s: [f32; 3],
     /// Heading in the frame in which the source integrates these rates, if it reports it.
     frame_heading_rad: Option<f32>,
-    is_own: bool,
 }
 
 impl BodyRates {
@@ -34,7 +33,7 @@ impl BodyRates {
     pub fn from_rad_s(rad_s: [f32; 3]) -> Option<Self> {
         let is_measured = rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
             && rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S);
-        is_measured.then_some(Self { rad_s, frame_heading_rad: None, is_own: false })
+        is_measured.then_some(Self { rad_s, frame_heading_rad: None })
     }
 
     /// Body rates p, q, r, rad/s.
@@ -48,16 +47,6 @@ impl BodyRates {
     #[must_use]
     pub const fn with_frame_heading(self, frame_heading_rad: f32) -> Self {
         Self { frame_heading_rad: Some(frame_heading_rad), ..self }
-    }
-
-    /// The rates as those of the module's own gyro.
-    pub(super) const fn as_own(self) -> Self {
-        Self { is_own: true, ..self }
-    }
-
-    /// Whether the rates are those of the module's own gyro.
-    pub(super) const fn is_own(&self) -> bool {
-        self.is_own
     }
 
     pub(super) const fn frame_heading_rad(&self) -> Option<f32> {

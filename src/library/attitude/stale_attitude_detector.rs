@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use crate::attitude::report::AttitudeReport;
+use crate::attitude::report::{AttitudeReport, BodyRates};
 use crate::frames::{Body, Field};
 use crate::time::Timestamp;
 use crate::trig::VectorLength as _;
@@ -103,14 +103,14 @@ impl StaleAttitudeDetector {
         self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
     }
 
-    /// Processes a report; returns whether the attitude is stale. Always false without a field or without body rates. A
-    /// detected attitude is stale until it follows the rates, or the field contradicts them.
-    pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport) -> bool {
-        let Some((field, body_rates)) = self.field_direction.zip(report.body_rates) else {
+    /// Processes a report, with its body rates or own ones; returns whether the attitude is stale. Always false without a field or
+    /// without body rates. A detected attitude is stale until it follows the rates, or the field contradicts them.
+    pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport, own_rates: Option<BodyRates>) -> bool {
+        let Some((field, body_rates)) = self.field_direction.zip(own_rates.or(report.body_rates)) else {
             *self = Self::new();
             return false;
         };
-        let limits = if body_rates.is_own() { &MotionLimits::OWN_GYRO } else { &MotionLimits::AUTOPILOT_GYRO };
+        let limits = if own_rates.is_some() { &MotionLimits::OWN_GYRO } else { &MotionLimits::AUTOPILOT_GYRO };
         let rates = Vector3::from(body_rates.rad_s());
         let (last_at, last_rates) = self.last_report.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
@@ -231,7 +231,7 @@ mod tests {
             let earth = Field::earth_field(50.0, 1.1, field_at[0].to_radians() + 0.3);
             let field = RollPitch::from_deg(field_at[1], 0.0).to_body_frame(Field::new(earth.ut));
             detector.update_field(Field::new(field.ut.map(|ut| ut + 0.3 * random.normal())));
-            let is_stale = detector.process_report(report_time(i), &report(attitude, rates_rad_s));
+            let is_stale = detector.process_report(report_time(i), &report(attitude, rates_rad_s), None);
             if is_stale != was_stale {
                 changes.push(t_s);
                 was_stale = is_stale;
@@ -281,7 +281,7 @@ mod tests {
                 let earth = Field::earth_field(50.0, 1.1, 0.3);
                 detector.update_field(RollPitch::from_deg(roll_deg, 0.0).to_body_frame(earth));
                 let rates_rad_s = [rate_factor * rate_deg_s, 0.0, 1e-6].map(f32::to_radians);
-                is_stale = detector.process_report(report_time(step), &report(RollPitch::default(), rates_rad_s));
+                is_stale = detector.process_report(report_time(step), &report(RollPitch::default(), rates_rad_s), None);
             }
             assert_eq!(is_stale, expected, "{rate_deg_s}");
         }
@@ -319,7 +319,7 @@ mod tests {
         let mut detector = StaleAttitudeDetector::new();
         detector.update_field(Field::from_ut(20.0, 0.0, 43.0));
         for (i, rate_rad_s) in [(0_u8, f32::INFINITY), (1, 0.1), (2, 0.1)] {
-            detector.process_report(report_time(i), &report(RollPitch::default(), [rate_rad_s, 0.0, 0.0]));
+            detector.process_report(report_time(i), &report(RollPitch::default(), [rate_rad_s, 0.0, 0.0]), None);
         }
         // The infinite rate of the first report also enters the mean of the second step.
         assert!(detector.rotation_sum_rad.is_finite() && detector.vertical_motion.predicted.vector_length() < 0.01);

@@ -27,7 +27,7 @@ fn roll_report(sender_ms: u32, roll_deg: f32, p_deg_s: f32) -> AttitudeReport {
 
 /// Adds a report of an attitude that is true at `true_us`.
 fn push_report(track: &mut AttitudeHistory, true_us: u64, report: AttitudeReport) {
-    track.push_report(timestamp(true_us + LATENCY_US), report);
+    track.push_report(timestamp(true_us + LATENCY_US), report, None);
 }
 
 /// History of a report that is true at 1 s.
@@ -126,7 +126,7 @@ fn jitter_of_arrival_times_is_removed() {
     for i in 0..200_u32 {
         let jitter_us = u64::from(i * 7919 % 15) * 1000;
         let sent_us = 1_000_000 + u64::from(i) * PERIOD_US;
-        track.push_report(timestamp(sent_us + jitter_us), roll_report(i * 20, i as f32 * 0.2, 0.0));
+        track.push_report(timestamp(sent_us + jitter_us), roll_report(i * 20, i as f32 * 0.2, 0.0), None);
     }
     // At 10 deg/s a stamp error of 0.3 ms is 0.003 deg; arrival times would give up to 0.15 deg.
     let lookup_time = timestamp(1_000_000 + 197 * PERIOD_US - LATENCY_US);
@@ -138,8 +138,8 @@ fn jitter_of_arrival_times_is_removed() {
 fn a_distant_sender_clock_is_ignored() {
     for (delay_us, by_clock) in [(100_000, true), (100_001, false)] {
         let mut track = AttitudeHistory::new(CONFIG);
-        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 0.0));
-        track.push_report(timestamp(1_020_000 + delay_us), roll_report(20, 0.0, 0.0));
+        track.push_report(timestamp(1_000_000), roll_report(0, 0.0, 0.0), None);
+        track.push_report(timestamp(1_020_000 + delay_us), roll_report(20, 0.0, 0.0), None);
         // An instant just after the clock's stamp is extrapolated only if that stamp was used.
         let lookup = track.attitude_at(timestamp(1_020_011 - LATENCY_US));
         assert_eq!(matches!(lookup, AttitudeLookup::Extrapolated(_)), by_clock, "{delay_us} us: {lookup:?}");
@@ -162,11 +162,11 @@ fn the_attitude_of_a_restarted_sender_is_rejected_at_first() {
         let mut track = AttitudeHistory::new(CONFIG);
         let clock_ms =
             |step_ms: u32, elapsed_ms: u32| clock_step_ms.map_or(0, |_| FIRST_CLOCK_MS - step_ms + elapsed_ms);
-        track.push_report(timestamp(1_000_000), roll_report(clock_ms(0, 0), 0.0, 0.0));
+        track.push_report(timestamp(1_000_000), roll_report(clock_ms(0, 0), 0.0, 0.0), None);
         for i in 0..1000_u32 {
             let at_us = 1_000_000 + silence_us + u64::from(i) * PERIOD_US;
             let sender_ms = clock_ms(clock_step_ms.unwrap_or(0), 20 * i);
-            track.push_report(timestamp(at_us), roll_report(sender_ms, 0.01 * i as f32, 0.5));
+            track.push_report(timestamp(at_us), roll_report(sender_ms, 0.01 * i as f32, 0.5), None);
             let is_accepted =
                 matches!(track.attitude_at(timestamp(at_us - LATENCY_US + 1)), AttitudeLookup::Extrapolated(_));
             assert_eq!(is_accepted, !is_restart || i >= 750, "{silence_us} us, {clock_step_ms:?} ms: {i}");
@@ -187,7 +187,7 @@ fn no_report_panics() {
             sender_clock_at_sending: WrappingMillis::new(pick().to_bits()),
             ..report(attitude, [pick(), pick(), pick()])
         };
-        track.push_report(timestamp(pick().to_bits().into()), report);
+        track.push_report(timestamp(pick().to_bits().into()), report, None);
         let _ = (track.attitude_at(timestamp(i * 1_000)), track.attitude_at(timestamp(u64::MAX)));
     }
 }
