@@ -396,24 +396,21 @@ fn an_upset_of_the_own_gyro_does_not_turn_the_heading() {
     }
 }
 
-/// A latency that grows by 500 ms is measured in the first turns, and corrected. Measured over 100 copters: 0.02 % bad, 0.07 % empty;
-/// with own rates but without the correction 1.45 and 33 %.
+/// The own gyro shows within a movement that the autopilot's attitude is late, which is corrected, hangs or leans; a stuck sensor stays
+/// found. Measured over 40 flights of each from seed 1: 0.02, 0, 0 and 0.1 % bad. Before the vertical was compared in the gyro's frame,
+/// axis by axis, 0.02, 0.0, 1.7 and 6.4 %.
 #[test]
-fn a_long_latency_is_corrected_by_the_own_gyro() {
-    let plan = IntegrityPlan { aircraft: VehicleKind::Copter, attitude: AttitudeSource::Automatic, ..TEST_PLAN };
-    for row in run_whole_plan(plan, &["late-500"]) {
-        assert!(row.bad_percent <= 0.5 && row.empty_percent <= 3.0, "{row:?}");
-    }
-}
-
-/// An attitude that repeats but for noise is found after smaller movements by the own gyro, whose errors are smaller. Measured: 0 % bad,
-/// and 4.4 % while the own gyro was refused before its offset was known, and an autopilot's limits applied.
-#[test]
-fn a_hanging_attitude_is_found_by_the_own_gyro() {
-    let plan =
-        IntegrityPlan { seed: 41, aircraft: VehicleKind::Vtol, attitude: AttitudeSource::Automatic, ..TEST_PLAN };
-    for row in run_whole_plan(plan, &["attitude-hangs"]) {
-        assert!(row.bad_percent <= 0.5 && row.empty_percent >= 80.0, "{row:?}");
+fn the_own_gyro_checks_the_autopilots_attitude() {
+    let automatic = IntegrityPlan { attitude: AttitudeSource::Automatic, ..TEST_PLAN };
+    for (aircraft, seed, case, bad_percent, empty_percent) in [
+        (VehicleKind::Copter, TEST_PLAN.seed, "late-500", 0.5, 0.0..=3.0),
+        (VehicleKind::Vtol, 41, "attitude-hangs", 0.5, 80.0..=100.0),
+        (VehicleKind::Vtol, 1, "lean-30", 0.5, 70.0..=100.0),
+        (VehicleKind::Plane, 5, "stuck-noisy", 1.0, 80.0..=100.0),
+    ] {
+        for row in run_whole_plan(IntegrityPlan { aircraft, seed, ..automatic }, &[case]) {
+            assert!(row.bad_percent <= bad_percent && empty_percent.contains(&row.empty_percent), "{row:?}");
+        }
     }
 }
 

@@ -74,7 +74,13 @@ impl AttitudeHistory {
     }
 
     /// Adds a report whose last byte arrived at `arrival`, with the rates of the module's own gyro at its instant, if they are known.
-    pub fn push_report(&mut self, arrival: Timestamp, mut report: AttitudeReport, own_rates: Option<BodyRates>) {
+    /// Returns the instant that a plausible report describes.
+    pub fn push_report(
+        &mut self,
+        arrival: Timestamp,
+        mut report: AttitudeReport,
+        own_rates: Option<BodyRates>,
+    ) -> Option<Timestamp> {
         if self.reports.newest().is_some_and(|last_report| last_report.report.sender != report.sender) {
             // Clock offset and history are valid for one sender only.
             *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
@@ -86,11 +92,12 @@ impl AttitudeHistory {
         let at = self.sender_clock.sending_time(arrival, report.sender_clock_at_sending, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
         if self.reports.newest().is_some_and(|last_report| last_report.sent_at >= at) {
-            return;
+            return None;
         }
-        if self.is_plausible(at, &mut report, own_rates) {
+        self.is_plausible(at, &mut report, own_rates).then(|| {
             self.reports.push_report(at, report, self.config.max_integrated_gap_us);
-        }
+            at.plus_signed_us(-self.config.latency_us)
+        })
     }
 
     /// Tests a report against the ones before and against the field; drops rates that contradict the attitude.

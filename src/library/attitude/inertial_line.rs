@@ -2,29 +2,23 @@
 
 use nalgebra::Matrix2;
 
+use super::carried_vertical::CarriedVertical;
+use super::gyro_frame::GyroFrame;
 use super::latency_estimator::LatencyEstimator;
+use super::rate_comparison::RateComparison;
 use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
 use super::source::{AttitudeSource, HAS_OWN_ATTITUDE};
+use crate::frames::RollPitch;
 use crate::inertial::InertialAttitude;
 use crate::time::{Timestamp, WrappingMillis};
-use crate::trig::DEG;
 
 /// Time after the start in which an autopilot, which boots, may report for the first time, microseconds.
 const AUTOPILOT_START_US: u64 = 15_000_000;
 
 /// Longest interval between two estimates whose attitude and rates are used, microseconds: two and a half periods of 50 Hz.
 pub(super) const MAX_OWN_GAP_US: u32 = 50_000;
-
-/// Allowed difference of the own body rates from the autopilot's, rad/s, and relative to these: offsets of two gyros, their latencies
-/// and scales.
-const MAX_RATE_DIFFERENCE_RAD_S: f32 = 1.5 * DEG;
-const MAX_RELATIVE_DIFFERENCE: f32 = 0.1;
-
-/// Consecutive reports with a larger difference after which the own body rates are not used, unless a long latency explains it: 0.3 s
-/// at 40 Hz, longer than a usual latency.
-const MAX_CONTRADICTING_REPORTS: u8 = 12;
 
 /// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
 const NUMBER_BEFORE_RUNS: u8 = 128;
@@ -41,10 +35,9 @@ pub(super) struct InertialLine {
     tilt_covariance: Matrix2<f32>,
     is_accurate: bool,
     has_autopilot_reported: bool,
-    /// Consecutive reports of the autopilot whose body rates differ from the own ones.
-    contradicting_reports: u8,
-    is_contradicted: bool,
-    rejected_rates: u32,
+    rate_comparison: RateComparison,
+    gyro_frame: GyroFrame,
+    carried_vertical: CarriedVertical,
     latency_estimator: LatencyEstimator,
 }
 
@@ -56,9 +49,9 @@ impl InertialLine {
             tilt_covariance: Matrix2::new(0.0, 0.0, 0.0, 0.0),
             is_accurate: false,
             has_autopilot_reported: false,
-            contradicting_reports: 0,
-            is_contradicted: false,
-            rejected_rates: 0,
+            rate_comparison: RateComparison::new(),
+            gyro_frame: GyroFrame::new(),
+            carried_vertical: CarriedVertical::new(),
             latency_estimator: LatencyEstimator::new(),
         }
     }
@@ -87,10 +80,7 @@ impl InertialLine {
                 .and_then(|rates_rad_s| BodyRates::from_rad_s(rates_rad_s.into()))
                 .map(|rates| rates.with_frame_heading(estimate.frame_heading_rad)),
         };
-        if self.estimates.newest().is_some_and(|last| last.report.sender != report.sender) {
-            self.latency_estimator.forget_own_attitudes();
-        }
-        self.latency_estimator.push_own_attitude(at, report.attitude);
+        self.gyro_frame.push_rates(at, estimate.measured_rates_rad_s);
         self.estimates.push_report(at, report, MAX_OWN_GAP_US);
     }
 
@@ -121,36 +111,47 @@ impl InertialLine {
         if !HAS_OWN_ATTITUDE {
             return (report, None);
         }
+        let measured = report.body_rates.filter(|rates| !rates.is_from_angles());
         let own_rates = self.checked_body_rates_at(at, report.body_rates);
-        self.latency_estimator.push_report(at, report.attitude);
+        self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
         let is_late = self.latency_estimator.latency_us() > 0;
+        let rates = if is_late { own_rates.or(measured) } else { measured.or(own_rates) };
         let improved = AttitudeReport {
-            attitude: self.latency_estimator.advance_report(at, report.attitude),
-            body_rates: if is_late { own_rates.or(report.body_rates) } else { report.body_rates.or(own_rates) },
+            attitude: self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude),
+            body_rates: rates.or(report.body_rates),
             ..report
         };
         (improved, own_rates)
     }
 
-    /// Own body rates at the instant of an autopilot's report, unless its body rates contradict them; after some such reports in a row
-    /// for good. Either may be wrong; the autopilot's are those of a module without a gyro.
+    /// Carries the vertical of an autopilot's report that is plausible, and describes this instant.
+    pub fn carry_attitude(&mut self, at: Timestamp, attitude: RollPitch) {
+        if HAS_OWN_ATTITUDE {
+            self.carried_vertical.push_report(&self.gyro_frame, at, attitude);
+        }
+    }
+
+    /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.
+    pub fn carried_attitude_at(&self, at: Timestamp) -> Option<RollPitch> {
+        if HAS_OWN_ATTITUDE && !self.rate_comparison.is_contradicted() {
+            self.carried_vertical.attitude_at(&self.gyro_frame, at)
+        } else {
+            None
+        }
+    }
+
+    /// Own body rates at the instant of an autopilot's report, unless its body rates contradict them, and no long latency explains it.
     fn checked_body_rates_at(&mut self, at: Timestamp, autopilot_rates: Option<BodyRates>) -> Option<BodyRates> {
+        let rates = self.estimates.body_rates_at(at, MAX_OWN_GAP_US)?;
         if self.latency_estimator.latency_us() > 0 {
-            // Late body rates differ.
-            self.is_contradicted = false;
-            return self.body_rates_at(at);
+            self.rate_comparison.forgive_contradiction();
+            return Some(rates);
         }
-        let rates = self.body_rates_at(at)?;
-        let differs = autopilot_rates.is_some_and(|autopilot_rates| differs_much(rates, autopilot_rates));
-        if autopilot_rates.is_some() {
-            self.contradicting_reports = if differs { self.contradicting_reports + 1 } else { 0 };
-        }
-        self.rejected_rates = self.rejected_rates.wrapping_add(u32::from(differs));
-        self.is_contradicted |= self.contradicting_reports == MAX_CONTRADICTING_REPORTS;
-        if self.is_contradicted {
-            self.contradicting_reports = 0;
-        }
-        Some(rates).filter(|_| !differs && !self.is_contradicted)
+        let is_usable = match autopilot_rates {
+            Some(autopilot) => self.rate_comparison.compare_rates(at, rates, autopilot),
+            None => !self.rate_comparison.is_contradicted(),
+        };
+        is_usable.then_some(rates)
     }
 
     /// Latency of the autopilot's attitude that is corrected, microseconds.
@@ -160,12 +161,16 @@ impl InertialLine {
 
     /// Number of reports whose body rates contradicted the own ones.
     pub const fn rejected_rates(&self) -> u32 {
-        self.rejected_rates
+        self.rate_comparison.difference_count()
     }
 
     /// Body rates at an instant.
     pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
-        if HAS_OWN_ATTITUDE && !self.is_contradicted { self.estimates.body_rates_at(at, MAX_OWN_GAP_US) } else { None }
+        if HAS_OWN_ATTITUDE && !self.rate_comparison.is_contradicted() {
+            self.estimates.body_rates_at(at, MAX_OWN_GAP_US)
+        } else {
+            None
+        }
     }
 
     /// Whether the attitude in use is known well enough for a sample.
@@ -177,10 +182,4 @@ impl InertialLine {
     pub fn tilt_covariance_in_use(&self) -> Option<Matrix2<f32>> {
         self.estimates_in_use().map(|_| self.tilt_covariance)
     }
-}
-
-fn differs_much(own_rates: BodyRates, autopilot_rates: BodyRates) -> bool {
-    let allowed_rad_s = MAX_RATE_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * autopilot_rates.magnitude_rad_s();
-    let mut pairs = own_rates.rad_s().into_iter().zip(autopilot_rates.rad_s());
-    pairs.any(|(own_rad_s, autopilot_rad_s)| (own_rad_s - autopilot_rad_s).abs() > allowed_rad_s)
 }

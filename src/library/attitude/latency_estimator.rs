@@ -1,24 +1,23 @@
 //! Latency of an autopilot's attitude, measured by the module's own gyro.
 //!
-//! The reported roll and pitch change as the own ones did some time before. Of the candidate times, the one whose changes fit best
-//! is the latency. A reported attitude is advanced by what the own one has changed since.
+//! The vertical stays in the gyro's frame (`gyro_frame`) if a reported attitude is that of its instant. Of the candidate times, the one
+//! with which it moves least is the latency. A reported attitude is advanced by the rotation since.
 
 use core::array;
 
-use super::source::HAS_OWN_ATTITUDE;
-use super::timed_report::interpolate;
-use crate::frames::{RollPitch, wrap_pi};
-use crate::time::Timestamp;
-use crate::trig::{DEG, square};
+use nalgebra::Vector3;
 
-/// Interval of the candidate latencies and of the remembered attitudes, microseconds: at a roll of 30 deg/s 1.5 deg.
-const CANDIDATE_STEP_US: u64 = 50_000;
+use super::gyro_frame::{GyroFrame, REMEMBERED_STEP_US};
+use crate::frames::RollPitch;
+use crate::inertial::roll_and_pitch_of_down;
+use crate::time::Timestamp;
+use crate::trig::DEG;
+
+/// Interval of the candidate latencies, microseconds: at a roll of 30 deg/s 1.5 deg.
+const CANDIDATE_STEP_US: u64 = REMEMBERED_STEP_US;
 
 /// Number of candidates: up to 0.6 s.
 const CANDIDATE_COUNT: usize = 13;
-
-/// Remembered own attitudes: for the longest latency, and an interval between two compared reports.
-const REMEMBERED_COUNT: usize = if HAS_OWN_ATTITUDE { CANDIDATE_COUNT + 6 } else { 1 };
 
 /// Shortest interval between compared reports, microseconds: in it a source in steps of 0.1 deg changes by several, in a roll.
 const COMPARISON_US: u64 = 200_000;
@@ -30,7 +29,7 @@ const MAX_COMPARISON_US: u64 = 400_000;
 const FORGETTING_S: f32 = 3.0;
 
 /// Smallest sum of squares, rad^2, that refutes a latency, (3 deg)^2, and the largest ratio of another candidate's sum to it and to
-/// that of the reported changes. Of planes, 0.7 % of the headings are bad after a latency has grown to 500 ms, and 1.7 % with an
+/// that of the reported motion. Of planes, 0.7 % of the headings are bad after a latency has grown to 500 ms, and 1.7 % with an
 /// attitude of 30 % of the bank; with a ratio of 0.25 1.1 and 1.7 %, with 0.5 0.4 and 2.3 %.
 const MIN_REFUTING_SUM_RAD2: f32 = square_deg(3.0);
 const MAX_SUM_RATIO: f32 = 0.35;
@@ -46,45 +45,21 @@ const fn candidate_us(candidate: usize) -> u64 {
     candidate as u64 * CANDIDATE_STEP_US
 }
 
-/// Own attitudes of the last 0.9 s, and how well each candidate explains the changes of the reports.
+/// How well each candidate explains the motion of the reported vertical.
 #[derive(Debug)]
 pub(super) struct LatencyEstimator {
-    own: heapless::Deque<(Timestamp, RollPitch), REMEMBERED_COUNT>,
-    last_report: Option<(Timestamp, RollPitch)>,
-    /// Squared differences of the changes for each candidate, rad^2.
+    /// Instant and vertical, in body axes, of the last compared report.
+    last_report: Option<(Timestamp, Vector3<f32>)>,
+    /// Squared motion of the vertical in the gyro's frame for each candidate, rad^2.
     sums_rad2: [f32; CANDIDATE_COUNT],
-    /// Squared reported changes, rad^2.
+    /// Squared motion in body axes, rad^2.
     reported_rad2: f32,
     selected: usize,
 }
 
 impl LatencyEstimator {
     pub const fn new() -> Self {
-        Self {
-            own: heapless::Deque::new(),
-            last_report: None,
-            sums_rad2: [0.0; CANDIDATE_COUNT],
-            reported_rad2: 0.0,
-            selected: 0,
-        }
-    }
-
-    /// Forgets the own attitudes, when the own filter has started again.
-    pub fn forget_own_attitudes(&mut self) {
-        self.own.clear();
-        self.last_report = None;
-    }
-
-    /// Remembers an own attitude.
-    pub fn push_own_attitude(&mut self, at: Timestamp, attitude: RollPitch) {
-        if self.own.back().is_some_and(|(last, _)| at.us_since(*last) < CANDIDATE_STEP_US) {
-            return;
-        }
-        if self.own.is_full() {
-            self.own.pop_front();
-        }
-        // Infallible: the oldest was removed if full.
-        let _ = self.own.push_back((at, attitude));
+        Self { last_report: None, sums_rad2: [0.0; CANDIDATE_COUNT], reported_rad2: 0.0, selected: 0 }
     }
 
     /// Latency, microseconds; 0 if it is that of a usual link.
@@ -93,31 +68,30 @@ impl LatencyEstimator {
         if latency_us >= MIN_CORRECTED_US { latency_us } else { 0 }
     }
 
-    /// Compares a reported attitude, described at `at` if its latency is 0, with the own ones.
-    pub fn push_report(&mut self, at: Timestamp, reported: RollPitch) {
-        let Some((last_at, last)) = self.last_report else {
-            self.last_report = Some((at, reported));
+    /// Compares a reported attitude, described at `at` if its latency is 0, with the rotation of the frame.
+    pub fn push_report(&mut self, frame: &GyroFrame, at: Timestamp, reported: RollPitch) {
+        let down = reported.tilt_rotation().down_in_body();
+        let Some((last_at, last_down)) = self.last_report else {
+            self.last_report = Some((at, down));
             return;
         };
         let interval_us = at.us_since(last_at);
         if interval_us < COMPARISON_US {
             return;
         }
-        self.last_report = Some((at, reported));
-        let change = change_rad(last, reported);
-        let own_changes: [Option<[f32; 2]>; CANDIDATE_COUNT] = array::from_fn(|candidate| {
-            let [from, to] = [last_at, at].map(|at| self.own_attitude_before(at, candidate_us(candidate)));
-            Some(change_rad(from?, to?))
+        self.last_report = Some((at, down));
+        let motion_rad2: [Option<f32>; CANDIDATE_COUNT] = array::from_fn(|candidate| {
+            let [from, to] = [last_at, at].map(|at| frame.rotation_at(earlier(at, candidate_us(candidate))));
+            Some((to? * down - from? * last_down).norm_squared())
         });
-        if interval_us > MAX_COMPARISON_US || own_changes.iter().any(Option::is_none) {
+        if interval_us > MAX_COMPARISON_US || motion_rad2.iter().any(Option::is_none) {
             return;
         }
         let kept = 1.0 - interval_us as f32 * 1e-6 / FORGETTING_S;
-        for (sum, own) in self.sums_rad2.iter_mut().zip(own_changes) {
-            let [roll_rad, pitch_rad] = own.unwrap_or_default();
-            *sum = kept * *sum + square(roll_rad - change[0]) + square(pitch_rad - change[1]);
+        for (sum, motion_rad2) in self.sums_rad2.iter_mut().zip(motion_rad2) {
+            *sum = kept * *sum + motion_rad2.unwrap_or_default();
         }
-        self.reported_rad2 = kept * self.reported_rad2 + square(change[0]) + square(change[1]);
+        self.reported_rad2 = kept * self.reported_rad2 + (down - last_down).norm_squared();
         self.select_candidate();
     }
 
@@ -132,33 +106,21 @@ impl LatencyEstimator {
         }
     }
 
-    /// The reported attitude, advanced by the own changes during its latency.
-    pub fn advance_report(&self, at: Timestamp, reported: RollPitch) -> RollPitch {
+    /// The reported attitude, advanced by the rotation during its latency.
+    pub fn advance_report(&self, frame: &GyroFrame, at: Timestamp, reported: RollPitch) -> RollPitch {
         let latency_us = self.latency_us();
         if latency_us == 0 {
             return reported;
         }
-        let own = self.own_attitude_before(at, latency_us).zip(self.own_attitude_before(at, 0));
-        let [roll_rad, pitch_rad] = own.map_or([0.0; 2], |(then, now)| change_rad(then, now));
-        RollPitch { roll_rad: wrap_pi(reported.roll_rad + roll_rad), pitch_rad: reported.pitch_rad + pitch_rad }
-    }
-
-    /// Own attitude some microseconds before an instant: between two remembered ones, or extrapolated by at most two intervals.
-    fn own_attitude_before(&self, at: Timestamp, before_us: u64) -> Option<RollPitch> {
-        let at = Timestamp::from_us(at.as_us().saturating_sub(before_us));
-        let later = self.own.iter().position(|(remembered_at, _)| *remembered_at > at);
-        let after_index = later.unwrap_or(self.own.len().saturating_sub(1));
-        let (before, after) = (self.own.get(after_index.checked_sub(1)?)?, self.own.get(after_index)?);
-        let step_us = after.0.us_since(before.0);
-        let is_near = at >= before.0 && at.us_since(before.0) <= 3 * CANDIDATE_STEP_US && step_us <= MAX_COMPARISON_US;
-        let fraction = at.us_since(before.0) as f32 / step_us as f32;
-        is_near.then(|| interpolate(before.1, after.1, fraction))
+        let rotations = frame.rotation_at(earlier(at, latency_us)).zip(frame.rotation_at(at));
+        rotations.map_or(reported, |(then, now)| {
+            roll_and_pitch_of_down(&(now.inverse() * (then * reported.tilt_rotation().down_in_body())))
+        })
     }
 }
 
-/// Changes of roll and pitch.
-fn change_rad(from: RollPitch, to: RollPitch) -> [f32; 2] {
-    [wrap_pi(to.roll_rad - from.roll_rad), to.pitch_rad - from.pitch_rad]
+fn earlier(at: Timestamp, by_us: u64) -> Timestamp {
+    Timestamp::from_us(at.as_us().saturating_sub(by_us))
 }
 
 #[cfg(test)]
@@ -168,20 +130,21 @@ mod tests {
     use super::super::testing::heading_and_roll_in_turns_deg;
     use super::*;
 
-    /// Roll, degrees, 40 s of turns with own attitudes at 40 Hz, and of a source of 20 Hz with 0.3 deg of noise: its latency in
+    /// Roll, degrees, 40 s of turns with own rates at 40 Hz, and of a source of 20 Hz with 0.3 deg of noise: its latency in
     /// microseconds, and the largest error of the advanced roll in the second half.
     fn estimate(reported_deg: impl Fn(f32) -> f32) -> (u64, f32) {
-        let (mut estimator, mut random) = (LatencyEstimator::new(), Random(1));
+        let (mut estimator, mut frame, mut random) = (LatencyEstimator::new(), GyroFrame::new(), Random(1));
         let roll_pitch = |roll_deg: f32| RollPitch::from_deg(roll_deg, 0.0);
         let own_deg = |t_s: f32| heading_and_roll_in_turns_deg(t_s)[1];
         let mut worst_deg = 0.0_f32;
         for i in 0..1600_u16 {
             let (at, t_s) = (Timestamp::from_us(10_000_000 + u64::from(i) * 25_000), f32::from(i) * 0.025);
-            estimator.push_own_attitude(at, roll_pitch(own_deg(t_s)));
+            let p_deg_s = (own_deg(t_s + 0.0125) - own_deg(t_s - 0.0125)) / 0.025;
+            frame.push_rates(at, Some(Vector3::new(p_deg_s.to_radians(), 0.0, 0.0)));
             if i % 2 == 0 {
                 let reported = roll_pitch(reported_deg(t_s) + 0.3 * random.normal());
-                estimator.push_report(at, reported);
-                let error_deg = estimator.advance_report(at, reported).roll_rad.to_degrees() - own_deg(t_s);
+                estimator.push_report(&frame, at, reported);
+                let error_deg = estimator.advance_report(&frame, at, reported).roll_rad.to_degrees() - own_deg(t_s);
                 worst_deg = if t_s < 20.0 { 0.0 } else { worst_deg.max(error_deg.abs()) };
             }
         }

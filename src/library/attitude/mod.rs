@@ -2,14 +2,17 @@
 //! converted to the attitude and the turn at the instant of a measurement.
 
 mod alignment_detector;
+mod carried_vertical;
 mod config;
 mod euler_rates;
+mod gyro_frame;
 mod history;
 mod inertial_line;
 mod latency_estimator;
 mod line_selector;
 mod lookup;
 mod plausibility;
+mod rate_comparison;
 mod rate_consistency;
 mod rate_estimator;
 mod report;
@@ -66,14 +69,16 @@ impl AttitudeTrack {
     }
 
     /// Adds an autopilot's report whose last byte arrived at `arrival`; returns whether its source is used. Own body rates show
-    /// a stale attitude, and a long latency, which is corrected.
+    /// a stale attitude, and a long latency, which is corrected, and carry the attitude from report to report.
     pub fn push_report(&mut self, arrival: Timestamp, report: AttitudeReport) -> bool {
         if !self.own.accept_autopilot_report() {
             return false;
         }
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
         let (report, own_rates) = self.own.improved_report(described_at, report);
-        self.autopilot.push_report(arrival, report, own_rates);
+        if let Some(described_at) = self.autopilot.push_report(arrival, report, own_rates) {
+            self.own.carry_attitude(described_at, report.attitude);
+        }
         true
     }
 
@@ -118,7 +123,12 @@ impl AttitudeTrack {
         let at = at.plus_signed_us(latency_us);
         match self.own.estimates_in_use() {
             Some(estimates) => estimates.attitude_at(at, &self.config),
-            None => self.autopilot.attitude_at(at),
+            None => match self.autopilot.attitude_at(at) {
+                lookup @ (AttitudeLookup::Interpolated(_) | AttitudeLookup::Extrapolated(_)) => {
+                    self.own.carried_attitude_at(at).map_or(lookup, AttitudeLookup::Interpolated)
+                }
+                lookup => lookup,
+            },
         }
     }
 

@@ -19,7 +19,7 @@ pub(super) fn levelling_rotation(specific_force: &Vector3<f32>) -> UnitQuaternio
 }
 
 /// Applies a small rotation vector in body axes, radians.
-pub(super) fn rotated_in_body(attitude: &UnitQuaternion<f32>, angle_rad: &Vector3<f32>) -> UnitQuaternion<f32> {
+pub(crate) fn rotated_in_body(attitude: &UnitQuaternion<f32>, angle_rad: &Vector3<f32>) -> UnitQuaternion<f32> {
     normalised(attitude.quaternion() * small_rotation(angle_rad))
 }
 
@@ -36,12 +36,18 @@ fn small_rotation(angle_rad: &Vector3<f32>) -> Quaternion<f32> {
     Quaternion::new(1.0 - 0.5 * square, vector.x, vector.y, vector.z)
 }
 
-fn normalised(quaternion: Quaternion<f32>) -> UnitQuaternion<f32> {
+/// The rotation of a quaternion that is not zero.
+pub(crate) fn normalised(quaternion: Quaternion<f32>) -> UnitQuaternion<f32> {
     UnitQuaternion::new_unchecked(quaternion / sqrt(quaternion.norm_squared()))
 }
 
 /// Roll and pitch of a rotation.
 pub(super) fn roll_and_pitch(attitude: &UnitQuaternion<f32>) -> RollPitch {
     let rotation = attitude.to_rotation_matrix();
-    RollPitch { roll_rad: libm::atan2f(rotation[(2, 1)], rotation[(2, 2)]), pitch_rad: -trig::asin(rotation[(2, 0)]) }
+    roll_and_pitch_of_down(&rotation.matrix().row(2).transpose())
+}
+
+/// Roll and pitch of the unit vector down in body axes.
+pub(crate) fn roll_and_pitch_of_down(down: &Vector3<f32>) -> RollPitch {
+    RollPitch { roll_rad: libm::atan2f(down.y, down.z), pitch_rad: -trig::asin(down.x) }
 }
