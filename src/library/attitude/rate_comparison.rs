@@ -16,15 +16,16 @@ const MEAN_TIME_S: f32 = 2.0;
 const MAX_LATENCY_S: f32 = 0.05;
 
 /// Allowed mean difference, rad/s, and relative to the autopilot's rates: offsets and scales of two gyros. Of rates clipped at 8 deg/s,
-/// by MSP, 0.1 % of the headings are bad, with 1.5 deg/s, 10 % and 0.5 s 1.2 %.
+/// by MSP, ten times as many headings are bad with 1.5 deg/s, 10 % and 0.5 s.
 const MAX_DIFFERENCE_RAD_S: f32 = 0.8 * DEG;
 const MAX_RELATIVE_DIFFERENCE: f32 = 0.06;
 
 /// Differing reports in a row that are a contradiction: 0.3 s at 40 Hz.
 const MAX_DIFFERING_REPORTS: u8 = 12;
 
-/// Agreeing reports in a row, in rotation, that end it: 3 s.
-const MIN_AGREEING_REPORTS: u8 = 120;
+/// Agreeing reports in a row, in rotation, that end it: 6 s at 40 Hz. Of rates clipped at 8 deg/s, by MSP, 0.01 % of the headings are bad,
+/// with 3 s 0.1 %.
+const MIN_AGREEING_REPORTS: u8 = 250;
 
 /// Slowest rotation in which an agreement counts, rad/s: a turn.
 const MIN_AGREEING_RATE_RAD_S: f32 = 10.0 * DEG;
