@@ -2,6 +2,7 @@
 //!
 //! In it the vertical stays but for the gyro's errors, however the vehicle turns, and without any assumption on its accelerations.
 
+use heapless::HistoryBuf;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::source::HAS_OWN_ATTITUDE;
@@ -38,12 +39,12 @@ impl NewestRotation {
 #[derive(Debug)]
 pub(super) struct GyroFrame {
     newest: Option<NewestRotation>,
-    remembered: heapless::Deque<(Timestamp, UnitQuaternion<f32>), REMEMBERED_COUNT>,
+    remembered: HistoryBuf<(Timestamp, UnitQuaternion<f32>), REMEMBERED_COUNT>,
 }
 
 impl GyroFrame {
     pub const fn new() -> Self {
-        Self { newest: None, remembered: heapless::Deque::new() }
+        Self { newest: None, remembered: HistoryBuf::new() }
     }
 
     /// Integrates to body rates of an instant, rad/s. After a gap, and after an instant without known rates, a new frame starts.
@@ -57,12 +58,8 @@ impl GyroFrame {
         }
         let rotation = self.newest.map_or_else(UnitQuaternion::identity, |newest| newest.rotation_at(at, &rates_rad_s));
         self.newest = Some(NewestRotation { at, rotation, rates_rad_s });
-        if self.remembered.back().is_none_or(|(last_at, _)| at.us_since(*last_at) >= REMEMBERED_STEP_US) {
-            if self.remembered.is_full() {
-                self.remembered.pop_front();
-            }
-            // Infallible: the oldest was removed if full.
-            let _ = self.remembered.push_back((at, rotation));
+        if self.remembered.recent().is_none_or(|(last_at, _)| at.us_since(*last_at) >= REMEMBERED_STEP_US) {
+            self.remembered.write((at, rotation));
         }
     }
 
@@ -73,7 +70,7 @@ impl GyroFrame {
             return (at.us_since(newest.at) <= MAX_STEP_US).then(|| newest.rotation_at(at, &newest.rates_rad_s));
         }
         let mut after = (newest.at, newest.rotation);
-        for (before_at, before) in self.remembered.iter().rev() {
+        for (before_at, before) in self.remembered.oldest_ordered().rev() {
             if *before_at <= at {
                 let step_us = after.0.us_since(*before_at).max(1);
                 let fraction = at.us_since(*before_at) as f32 / step_us as f32;

@@ -80,7 +80,9 @@ impl InertialLine {
                 .and_then(|rates_rad_s| BodyRates::from_rad_s(rates_rad_s.into()))
                 .map(|rates| rates.with_frame_heading(estimate.frame_heading_rad)),
         };
-        self.gyro_frame.push_rates(at, estimate.measured_rates_rad_s);
+        if self.source == AttitudeSource::Automatic {
+            self.gyro_frame.push_rates(at, estimate.measured_rates_rad_s);
+        }
         self.estimates.push_report(at, report, MAX_OWN_GAP_US);
     }
 
@@ -115,7 +117,7 @@ impl InertialLine {
         let own_rates = self.checked_body_rates_at(at, report.body_rates);
         self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
         let is_late = self.latency_estimator.latency_us() > 0;
-        let rates = if is_late { own_rates.or(measured) } else { measured.or(own_rates) };
+        let rates = if is_late { own_rates } else { measured.or(own_rates) };
         let improved = AttitudeReport {
             attitude: self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude),
             body_rates: rates.or(report.body_rates),
@@ -155,7 +157,7 @@ impl InertialLine {
     }
 
     /// Latency of the autopilot's attitude that is corrected, microseconds.
-    pub fn corrected_latency_us(&self) -> u64 {
+    pub fn corrected_latency_us(&self) -> i32 {
         self.latency_estimator.latency_us()
     }
 

@@ -35,14 +35,14 @@ const MIN_REFUTING_SUM_RAD2: f32 = square_deg(3.0);
 const MAX_SUM_RATIO: f32 = 0.35;
 
 /// Shortest latency that is corrected, microseconds. A calibration estimates the usual latency of its link itself.
-const MIN_CORRECTED_US: u64 = 150_000;
+const MIN_CORRECTED_US: i32 = 150_000;
 
 const fn square_deg(deg: f32) -> f32 {
     deg * DEG * deg * DEG
 }
 
-const fn candidate_us(candidate: usize) -> u64 {
-    candidate as u64 * CANDIDATE_STEP_US
+const fn candidate_us(candidate: usize) -> i32 {
+    (candidate as u64 * CANDIDATE_STEP_US) as i32
 }
 
 /// How well each candidate explains the motion of the reported vertical.
@@ -63,7 +63,7 @@ impl LatencyEstimator {
     }
 
     /// Latency, microseconds; 0 if it is that of a usual link.
-    pub fn latency_us(&self) -> u64 {
+    pub fn latency_us(&self) -> i32 {
         let latency_us = candidate_us(self.selected);
         if latency_us >= MIN_CORRECTED_US { latency_us } else { 0 }
     }
@@ -81,7 +81,7 @@ impl LatencyEstimator {
         }
         self.last_report = Some((at, down));
         let motion_rad2: [Option<f32>; CANDIDATE_COUNT] = array::from_fn(|candidate| {
-            let [from, to] = [last_at, at].map(|at| frame.rotation_at(earlier(at, candidate_us(candidate))));
+            let [from, to] = [last_at, at].map(|at| frame.rotation_at(at.plus_signed_us(-candidate_us(candidate))));
             Some((to? * down - from? * last_down).norm_squared())
         });
         if interval_us > MAX_COMPARISON_US || motion_rad2.iter().any(Option::is_none) {
@@ -112,15 +112,11 @@ impl LatencyEstimator {
         if latency_us == 0 {
             return reported;
         }
-        let rotations = frame.rotation_at(earlier(at, latency_us)).zip(frame.rotation_at(at));
+        let rotations = frame.rotation_at(at.plus_signed_us(-latency_us)).zip(frame.rotation_at(at));
         rotations.map_or(reported, |(then, now)| {
             roll_and_pitch_of_down(&(now.inverse() * (then * reported.tilt_rotation().down_in_body())))
         })
     }
-}
-
-fn earlier(at: Timestamp, by_us: u64) -> Timestamp {
-    Timestamp::from_us(at.as_us().saturating_sub(by_us))
 }
 
 #[cfg(test)]
@@ -132,7 +128,7 @@ mod tests {
 
     /// Roll, degrees, 40 s of turns with own rates at 40 Hz, and of a source of 20 Hz with 0.3 deg of noise: its latency in
     /// microseconds, and the largest error of the advanced roll in the second half.
-    fn estimate(reported_deg: impl Fn(f32) -> f32) -> (u64, f32) {
+    fn estimate(reported_deg: impl Fn(f32) -> f32) -> (i32, f32) {
         let (mut estimator, mut frame, mut random) = (LatencyEstimator::new(), GyroFrame::new(), Random(1));
         let roll_pitch = |roll_deg: f32| RollPitch::from_deg(roll_deg, 0.0);
         let own_deg = |t_s: f32| heading_and_roll_in_turns_deg(t_s)[1];
@@ -160,7 +156,7 @@ mod tests {
             [(0.0, 0, 1.5), (0.1, 0, 4.0), (0.2, 200_000, 3.0), (0.325, 325_000, 3.0), (0.5, 500_000, 3.0)]
         {
             let (found_us, worst_deg) = estimate(|t_s| own_deg(t_s - latency_s));
-            assert!(found_us.abs_diff(corrected_us) <= CANDIDATE_STEP_US, "{latency_s}: {found_us}");
+            assert!(u64::from(found_us.abs_diff(corrected_us)) <= CANDIDATE_STEP_US, "{latency_s}: {found_us}");
             assert!(worst_deg < limit_deg, "{latency_s}: {worst_deg}");
         }
     }

@@ -107,7 +107,7 @@ impl AttitudeTrack {
 
     /// Latency of the autopilot's attitude that is corrected by own body rates, microseconds; 0 if it is short.
     #[must_use]
-    pub fn corrected_latency_us(&self) -> u64 {
+    pub fn corrected_latency_us(&self) -> i32 {
         self.own.corrected_latency_us()
     }
 

@@ -152,7 +152,7 @@ impl StaleAttitudeDetector {
         let is_stale = if self.is_stale {
             least < FULL_EVIDENCE_RAD2_S
         } else {
-            least < 0.0 && self.field_motion.has_moved_as_predicted(MIN_FIELD_MOTION_RAD)
+            least < 0.0 && self.field_motion.has_moved_as_predicted()
         };
         self.is_stale = is_stale && self.field_following_evidence > 0.0;
         self.is_stale
@@ -192,10 +192,10 @@ impl VectorMotion {
         predicted - observed
     }
 
-    /// Whether the vector has moved as predicted, by at least this angle.
-    fn has_moved_as_predicted(&self, min_motion_rad: f32) -> bool {
+    /// Whether the vector has moved as predicted, by an angle that shows it.
+    fn has_moved_as_predicted(&self) -> bool {
         let predicted_rad = self.predicted.vector_length();
-        predicted_rad > min_motion_rad
+        predicted_rad > MIN_FIELD_MOTION_RAD
             && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_MOTION_RATIO) * predicted_rad
     }
 }
@@ -295,8 +295,8 @@ mod tests {
         }
     }
 
-    /// By the own gyro, a source that reports 60 % of the bank or less is detected in the first roll, from 9 s, and for good; one that
-    /// reports 80 % or more is not.
+    /// With own rates, the first roll, from 9 to 10 s, shows a source that reports at most 60 % of the bank, and it stays stale. A source
+    /// that reports 80 % is never stale.
     #[test]
     fn a_part_of_the_bank_is_detected_by_the_own_gyro() {
         for seed in 0..20 {

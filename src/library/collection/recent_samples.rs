@@ -19,44 +19,40 @@ const MAX_DEVIATION_UT: f32 = 0.7;
 /// Buffer of the last samples.
 #[derive(Debug, Default)]
 pub struct RecentSamples {
-    samples: heapless::Deque<Sample, AVERAGED_SAMPLES>,
+    samples: heapless::HistoryBuf<Sample, AVERAGED_SAMPLES>,
 }
 
 impl RecentSamples {
     /// A buffer without samples.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: heapless::Deque::new() }
+        Self { samples: heapless::HistoryBuf::new() }
     }
 
     /// Adds the next sample.
     pub fn push_sample(&mut self, sample: Sample) {
-        if self.samples.is_full() {
-            self.samples.pop_front();
-        }
-        // Infallible: the oldest was removed if full.
-        let _ = self.samples.push_back(sample);
+        self.samples.write(sample);
     }
 
     /// Mean sample with the oldest time; `None` if the vehicle moves, or if samples are missing or too old.
     #[must_use]
     pub fn mean_at_rest(&self, now: WrappingMillis) -> Option<Sample> {
-        let oldest = self.samples.front().filter(|_| self.samples.is_full())?;
+        let oldest = self.samples.oldest().filter(|_| self.samples.is_full())?;
         if now.ms_since(oldest.time) > MAX_AGE_MS {
             return None;
         }
         let sample_count = AVERAGED_SAMPLES as f32;
-        let mean_ut = self.samples.iter().map(|sample| sample.field.ut).sum::<Vector3<f32>>() / sample_count;
+        let mean_ut = self.samples.oldest_ordered().map(|sample| sample.field.ut).sum::<Vector3<f32>>() / sample_count;
         let is_steady =
-            self.samples.iter().all(|sample| (sample.field.ut - mean_ut).vector_length() <= MAX_DEVIATION_UT);
-        let mean = |angle: fn(&Sample) -> f32| self.samples.iter().map(angle).sum::<f32>() / sample_count;
+            self.samples.oldest_ordered().all(|sample| (sample.field.ut - mean_ut).vector_length() <= MAX_DEVIATION_UT);
+        let mean = |angle: fn(&Sample) -> f32| self.samples.oldest_ordered().map(angle).sum::<f32>() / sample_count;
         is_steady.then(|| Sample {
             field: Field::new(mean_ut),
             attitude: RollPitch {
                 roll_rad: mean(|sample| sample.attitude.roll_rad),
                 pitch_rad: mean(|sample| sample.attitude.pitch_rad),
             },
-            rates: if self.samples.iter().all(|sample| sample.rates.is_known()) {
+            rates: if self.samples.oldest_ordered().all(|sample| sample.rates.is_known()) {
                 AngleRates::from_rad_s([
                     mean(|sample| sample.rates.roll_rad_s()),
                     mean(|sample| sample.rates.pitch_rad_s()),
