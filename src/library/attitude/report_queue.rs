@@ -1,5 +1,7 @@
 //! Recent reports of one source, and their attitude and integrated heading at an instant.
 
+use heapless::HistoryBuf;
+
 use super::config::AttitudeConfig;
 use super::euler_rates::{GyroHeading, HeadingIntegral};
 use super::lookup::AttitudeLookup;
@@ -11,7 +13,7 @@ use crate::time::Timestamp;
 /// Reports in the order of their times.
 #[derive(Debug)]
 pub(super) struct ReportQueue<const N: usize> {
-    reports: heapless::Deque<TimedReport, N>,
+    reports: HistoryBuf<TimedReport, N>,
     /// Number before that of the first run of the integrated heading.
     number_before_runs: u8,
 }
@@ -19,11 +21,11 @@ pub(super) struct ReportQueue<const N: usize> {
 impl<const N: usize> ReportQueue<N> {
     /// An empty queue. Run numbers of two sources must differ.
     pub const fn new(number_before_runs: u8) -> Self {
-        Self { reports: heapless::Deque::new(), number_before_runs }
+        Self { reports: HistoryBuf::new(), number_before_runs }
     }
 
     pub fn newest(&self) -> Option<&TimedReport> {
-        self.reports.back()
+        self.reports.recent()
     }
 
     /// Adds a report, later than the newest one. After a gap of more than `max_integrated_gap_us`, or from another
@@ -37,11 +39,7 @@ impl<const N: usize> ReportQueue<N> {
             }
             None => HeadingIntegral::before_run(self.number_before_runs).integrate_to_report(&report, None),
         };
-        if self.reports.is_full() {
-            self.reports.pop_front();
-        }
-        // Infallible: the oldest was removed if full.
-        let _ = self.reports.push_back(TimedReport { sent_at, report, heading_integral });
+        self.reports.write(TimedReport { sent_at, report, heading_integral });
     }
 
     /// Attitude of the instant that reports sent at `sent_at` describe.
@@ -95,7 +93,7 @@ impl<const N: usize> ReportQueue<N> {
 
     /// Reports before and after `sent_at`; the first may be at `sent_at`.
     fn surrounding_reports(&self, sent_at: Timestamp) -> Option<(&TimedReport, &TimedReport)> {
-        let mut pairs = self.reports.iter().zip(self.reports.iter().skip(1));
+        let mut pairs = self.reports.oldest_ordered().zip(self.reports.oldest_ordered().skip(1));
         pairs.find(|(before, after)| (before.sent_at..after.sent_at).contains(&sent_at))
     }
 }
