@@ -10,7 +10,7 @@ use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
 use super::source::{AttitudeSource, HAS_OWN_ATTITUDE};
-use crate::frames::RollPitch;
+use crate::frames::{Body, Field, RollPitch};
 use crate::inertial::InertialAttitude;
 use crate::time::{Timestamp, WrappingMillis};
 
@@ -130,6 +130,13 @@ impl InertialLine {
     pub fn carry_attitude(&mut self, at: Timestamp, attitude: RollPitch) {
         if HAS_OWN_ATTITUDE {
             self.carried_vertical.push_report(&self.gyro_frame, at, attitude);
+        }
+    }
+
+    /// Updates the field's motion with the corrected field of a reading.
+    pub fn update_field(&mut self, field: Field<Body>) {
+        if HAS_OWN_ATTITUDE {
+            self.rate_comparison.update_field(field);
         }
     }
 

@@ -22,6 +22,7 @@ mod sender_selector;
 mod source;
 mod stale_attitude_detector;
 mod timed_report;
+mod vector_motion;
 
 use nalgebra::Matrix2;
 
@@ -85,6 +86,7 @@ impl AttitudeTrack {
     /// Updates the detectors of frozen and of stale attitude with the corrected field of a reading.
     pub fn update_field(&mut self, field: Field<Body>) {
         self.autopilot.update_field(field);
+        self.own.update_field(field);
     }
 
     /// Updates the alignment detector with the raw field of a reading.

@@ -1,15 +1,18 @@
 //! Comparison of the own body rates with those of an autopilot.
 //!
-//! Either may be wrong; an autopilot's are those of a module without a gyro, so a contradiction means that the own ones are not used.
+//! Either may be wrong. The field in body axes, which moves by the true rates, arbitrates where its motion shows the difference. Where
+//! it does not, the own rates are not used: an autopilot's are those of a module without a gyro.
 
 use nalgebra::Vector3;
 
 use super::report::BodyRates;
+use super::vector_motion::{MOTION_MEMORY_S, VectorMotion};
+use crate::frames::{Body, Field};
 use crate::time::Timestamp;
 use crate::trig::{DEG, VectorLength as _};
 
-/// Time constant of the means, seconds: a roll into a turn. The noise of rates that are computed from angles is no difference.
-const MEAN_TIME_S: f32 = 2.0;
+/// Time constant of the means, seconds: that of the field's motion. The noise of rates that are computed from angles is no difference.
+const MEAN_TIME_S: f32 = MOTION_MEMORY_S;
 
 /// Latency that is no difference, seconds. It makes one of the mean rates later, and these change by the deviation of the rates from
 /// them in their time constant.
@@ -27,13 +30,25 @@ const MAX_DIFFERING_REPORTS: u8 = 12;
 /// with 3 s 0.1 %.
 const MIN_AGREEING_REPORTS: u8 = 250;
 
+/// Number of agreeing reports to which one is equal that differs where the field supports the own rates: it ends it after 0.3 s.
+const SUPPORTED_REPORT_WEIGHT: u8 = 20;
+
 /// Slowest rotation in which an agreement counts, rad/s: a turn.
 const MIN_AGREEING_RATE_RAD_S: f32 = 10.0 * DEG;
+
+/// Smallest error of the field's motion that the autopilot's rates predict, radians (2 deg), and largest part of it in that of the own
+/// ones, for the field to support the own ones.
+const MIN_PREDICTION_ERROR_RAD: f32 = 0.035;
+const MAX_OWN_ERROR_RATIO: f32 = 0.5;
 
 /// Difference of own and autopilot's body rates, and its consequence.
 #[derive(Debug)]
 pub(super) struct RateComparison {
     updated_at: Timestamp,
+    /// Direction of the last reading's field.
+    field_direction: Option<Vector3<f32>>,
+    /// Motion of the field, by own rates and by the autopilot's.
+    field_motion: [VectorMotion; 2],
     mean_own_rad_s: Vector3<f32>,
     mean_autopilot_rad_s: Vector3<f32>,
     differing_reports: u8,
@@ -47,6 +62,8 @@ impl RateComparison {
     pub const fn new() -> Self {
         Self {
             updated_at: Timestamp::START,
+            field_direction: None,
+            field_motion: [VectorMotion::new(), VectorMotion::new()],
             mean_own_rad_s: Vector3::new(0.0, 0.0, 0.0),
             mean_autopilot_rad_s: Vector3::new(0.0, 0.0, 0.0),
             differing_reports: 0,
@@ -56,10 +73,22 @@ impl RateComparison {
         }
     }
 
+    /// Updates the field direction with a corrected reading.
+    pub fn update_field(&mut self, field: Field<Body>) {
+        let strength_ut = field.ut.vector_length();
+        self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
+    }
+
     /// Compares the rates of an instant; returns whether the own ones may be used there.
     pub fn compare_rates(&mut self, at: Timestamp, own: BodyRates, autopilot: BodyRates) -> bool {
         let [own_rad_s, autopilot_rad_s] = [own, autopilot].map(|rates| Vector3::from(rates.rad_s()));
-        let weight = (at.us_since(self.updated_at) as f32 * 1e-6 / MEAN_TIME_S).min(1.0);
+        let step_s = (at.us_since(self.updated_at) as f32 * 1e-6).min(MEAN_TIME_S);
+        let weight = step_s / MEAN_TIME_S;
+        if let Some(direction) = self.field_direction {
+            for (motion, rates_rad_s) in self.field_motion.iter_mut().zip([own_rad_s, autopilot_rad_s]) {
+                motion.accumulate_motion(direction, rates_rad_s * step_s, step_s);
+            }
+        }
         self.updated_at = at;
         self.mean_own_rad_s += (own_rad_s - self.mean_own_rad_s) * weight;
         self.mean_autopilot_rad_s += (autopilot_rad_s - self.mean_autopilot_rad_s) * weight;
@@ -68,16 +97,32 @@ impl RateComparison {
             + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length()
             + by_latency_rad_s;
         let differs = (self.mean_own_rad_s - self.mean_autopilot_rad_s).amax() > allowed_rad_s;
-        self.count_report(differs, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
-        !differs && !self.is_contradicted
+        let agreement = match (differs, self.does_field_support_own_rates()) {
+            (true, true) => SUPPORTED_REPORT_WEIGHT,
+            (true, false) => 0,
+            (false, _) => 1,
+        };
+        self.count_report(agreement, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
+        agreement > 0 && !self.is_contradicted
     }
 
-    fn count_report(&mut self, differs: bool, is_rotating: bool) {
-        let next = |count: u8, is_continued: bool| if is_continued { count.saturating_add(1) } else { 0 };
-        self.difference_count = self.difference_count.wrapping_add(differs.into());
-        self.differing_reports = next(self.differing_reports, differs);
-        if differs || is_rotating {
-            self.agreeing_reports = next(self.agreeing_reports, !differs);
+    /// Whether the field moves by the own rates rather than by the autopilot's.
+    fn does_field_support_own_rates(&self) -> bool {
+        let [own_rad, autopilot_rad] = self.field_motion.each_ref().map(VectorMotion::error_rad);
+        autopilot_rad > MIN_PREDICTION_ERROR_RAD && own_rad < MAX_OWN_ERROR_RATIO * autopilot_rad
+    }
+
+    /// Counts a report that differs (0), or is equal to a number of agreeing ones.
+    fn count_report(&mut self, agreement: u8, is_rotating: bool) {
+        if agreement == 0 {
+            self.difference_count = self.difference_count.wrapping_add(1);
+            self.differing_reports = self.differing_reports.saturating_add(1);
+            self.agreeing_reports = 0;
+        } else {
+            self.differing_reports = 0;
+            if is_rotating {
+                self.agreeing_reports = self.agreeing_reports.saturating_add(agreement);
+            }
         }
         self.is_contradicted = if self.is_contradicted {
             self.agreeing_reports < MIN_AGREEING_REPORTS
@@ -104,21 +149,30 @@ impl RateComparison {
 mod tests {
     use super::super::testing::{heading_and_roll_in_turns_deg, report_time};
     use super::*;
+    use crate::frames::RollPitch;
 
     /// Times, seconds, at which the own rates are refused and used again, of 100 s of rolls into turns and out of them, at 50 Hz, with an
-    /// autopilot's latency, and an error of the own rates of each axis, deg/s, from 30 to 50 s.
-    fn changes_s(latency_s: f32, error_deg_s: f32) -> Vec<f32> {
+    /// autopilot's latency, and errors of the own and of its rates of each axis, deg/s, from 30 to 50 s. A field is known or not.
+    fn changes_s(latency_s: f32, errors_deg_s: [f32; 2], is_field_known: bool) -> Vec<f32> {
         let (mut comparison, mut changes) = (RateComparison::new(), Vec::new());
         let rates = |t_s: f32, error_deg_s: f32| {
             let [[heading, roll], [heading_before, roll_before]] = [t_s, t_s - 0.02].map(heading_and_roll_in_turns_deg);
-            let rates_deg_s = [(roll - roll_before) * 50.0, 0.0, (heading - heading_before) * 50.0];
+            let (heading_rate, (sin_roll, cos_roll)) = ((heading - heading_before) * 50.0, roll.to_radians().sin_cos());
+            let rates_deg_s = [(roll - roll_before) * 50.0, heading_rate * sin_roll, heading_rate * cos_roll];
             BodyRates::from_rad_s(rates_deg_s.map(|rate| (rate + error_deg_s).to_radians())).unwrap()
         };
         for i in 0..5000_u16 {
             let t_s = 1.0 + f32::from(i) * 0.02;
-            let error_deg_s = if (30.0..50.0).contains(&t_s) { error_deg_s } else { 0.0 };
+            let [own_error_deg_s, autopilot_error_deg_s] =
+                if (30.0..50.0).contains(&t_s) { errors_deg_s } else { [0.0; 2] };
+            if is_field_known {
+                let [heading_deg, roll_deg] = heading_and_roll_in_turns_deg(t_s);
+                let earth = Field::earth_field(50.0, 1.1, heading_deg.to_radians());
+                comparison.update_field(RollPitch::from_deg(roll_deg, 0.0).to_body_frame(Field::new(earth.ut)));
+            }
             let was_contradicted = comparison.is_contradicted();
-            comparison.compare_rates(report_time(i), rates(t_s, error_deg_s), rates(t_s - latency_s, 0.0));
+            let [own, autopilot] = [rates(t_s, own_error_deg_s), rates(t_s - latency_s, autopilot_error_deg_s)];
+            comparison.compare_rates(report_time(i), own, autopilot);
             if comparison.is_contradicted() != was_contradicted {
                 changes.push(t_s);
             }
@@ -129,11 +183,26 @@ mod tests {
     /// An error of 5 deg/s is refused within two seconds, and used again after a turn.
     #[test]
     fn wrong_rates_are_refused_until_they_agree_in_a_turn() {
-        for (latency_s, error_deg_s) in [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)] {
-            assert_eq!(changes_s(latency_s, error_deg_s), [], "{latency_s} {error_deg_s}");
+        for is_field_known in [false, true] {
+            for (latency_s, own_error_deg_s) in [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)] {
+                let changes = changes_s(latency_s, [own_error_deg_s, 0.0], is_field_known);
+                assert_eq!(changes, [], "{latency_s} {own_error_deg_s}");
+            }
+            let changes = changes_s(0.0, [5.0, 0.0], is_field_known);
+            let [refused_s, used_s] = changes[..] else { panic!("{changes:?}") };
+            assert!((30.0..32.0).contains(&refused_s) && (50.0..80.0).contains(&used_s), "{changes:?}");
         }
-        let changes = changes_s(0.0, 5.0);
-        let [refused_s, used_s] = changes[..] else { panic!("{changes:?}") };
-        assert!((30.0..32.0).contains(&refused_s) && (50.0..80.0).contains(&used_s), "{changes:?}");
+    }
+
+    /// Without a field the own rates are refused; with it, they stay in use: or for less than a second, until the field has moved by 2 deg
+    /// more than the autopilot's rates predict.
+    #[test]
+    fn the_field_shows_that_the_autopilots_rates_are_wrong() {
+        assert_eq!(changes_s(0.0, [0.0, 5.0], false).len(), 2);
+        let changes = changes_s(0.0, [0.0, 5.0], true);
+        assert!(
+            matches!(changes[..], []) || matches!(changes[..], [from_s, to_s] if to_s - from_s < 1.0),
+            "{changes:?}"
+        );
     }
 }

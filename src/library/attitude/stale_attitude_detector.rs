@@ -7,14 +7,11 @@
 
 use nalgebra::Vector3;
 
+use super::vector_motion::VectorMotion;
 use crate::attitude::report::{AttitudeReport, BodyRates};
 use crate::frames::{Body, Field};
 use crate::time::Timestamp;
 use crate::trig::VectorLength as _;
-
-/// Time constant with which motion is forgotten, seconds: longer than a roll into a turn. It limits the effect of a
-/// gyro offset.
-const MOTION_MEMORY_S: f32 = 2.0;
 
 /// Time constant of the estimated gyro offset, seconds: much longer than a roll. An offset that grows by 2 deg/s in a
 /// minute is followed with an error of 1 deg/s.
@@ -84,15 +81,6 @@ pub(super) struct StaleAttitudeDetector {
     is_stale: bool,
 }
 
-/// Recent motion of a unit vector in body axes, with exponential forgetting, radians.
-#[derive(Debug)]
-struct VectorMotion {
-    last_vector: Option<Vector3<f32>>,
-    observed: Vector3<f32>,
-    /// Motion predicted from the body rates.
-    predicted: Vector3<f32>,
-}
-
 impl StaleAttitudeDetector {
     pub const fn new() -> Self {
         Self {
@@ -126,8 +114,7 @@ impl StaleAttitudeDetector {
         let (last_at, last_rates) = self.last_report.replace((at, rates)).unwrap_or((at, rates));
         let step_s = at.us_since(last_at) as f32 * 1e-6;
         let turn = ((last_rates + rates) * 0.5 - self.gyro_offset_rad_s) * step_s;
-        let decay_factor = 1.0 - step_s / MOTION_MEMORY_S;
-        self.rotation_sum_rad = decay_factor * self.rotation_sum_rad + turn.vector_length();
+        self.rotation_sum_rad = VectorMotion::decay_factor(step_s) * self.rotation_sum_rad + turn.vector_length();
         if step_s > MAX_STEP_S || !self.rotation_sum_rad.is_finite() {
             // Forgets the motion before a gap.
             self.vertical_motion = VectorMotion::new();
@@ -136,13 +123,13 @@ impl StaleAttitudeDetector {
             return self.is_stale;
         }
         let down = report.attitude.tilt_rotation().down_in_body();
-        let missing_motion = self.vertical_motion.accumulate_motion(down, turn, decay_factor);
+        let missing_motion = self.vertical_motion.accumulate_motion(down, turn, step_s);
         if !self.is_stale {
             let gyro_offset_rad_s = self.gyro_offset_rad_s + missing_motion.cross(&down) / GYRO_OFFSET_TIME_CONSTANT_S;
             self.gyro_offset_rad_s =
                 gyro_offset_rad_s.map(|rad_s| rad_s.clamp(-MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_RAD_S));
         }
-        self.field_motion.accumulate_motion(field, turn, decay_factor);
+        self.field_motion.accumulate_motion(field, turn, step_s);
         let VectorMotion { observed, predicted, .. } = &self.field_motion;
         self.field_following_evidence *= 1.0 - step_s / EVIDENCE_MEMORY_S;
         self.field_following_evidence += step_s * (observed - predicted * MIN_FOLLOWING_MOTION_RATIO).dot(predicted);
@@ -152,10 +139,17 @@ impl StaleAttitudeDetector {
         let is_stale = if self.is_stale {
             least < FULL_EVIDENCE_RAD2_S
         } else {
-            least < 0.0 && self.field_motion.has_moved_as_predicted()
+            least < 0.0 && self.has_field_moved_as_predicted()
         };
         self.is_stale = is_stale && self.field_following_evidence > 0.0;
         self.is_stale
+    }
+
+    /// Whether the field has moved as predicted, by an angle that shows it.
+    fn has_field_moved_as_predicted(&self) -> bool {
+        let predicted_rad = self.field_motion.predicted.vector_length();
+        predicted_rad > MIN_FIELD_MOTION_RAD
+            && self.field_motion.error_rad() < (1.0 - MIN_FOLLOWING_MOTION_RATIO) * predicted_rad
     }
 
     /// Adds what the motion of the vertical shows, beyond the error of the prediction. Motion in the other direction shows a wrong sign
@@ -173,30 +167,6 @@ impl StaleAttitudeDetector {
                 *evidence = (*evidence + step_s * product).clamp(LEAST_EVIDENCE_RAD2_S, FULL_EVIDENCE_RAD2_S);
             }
         }
-    }
-}
-
-impl VectorMotion {
-    const fn new() -> Self {
-        const ZERO_VECTOR: Vector3<f32> = Vector3::new(0.0, 0.0, 0.0);
-        Self { last_vector: None, observed: ZERO_VECTOR, predicted: ZERO_VECTOR }
-    }
-
-    /// Adds the step to the vector's present value, with the integrated body rates; keeps a part of earlier motion.
-    /// Returns the predicted but missing motion of the step.
-    fn accumulate_motion(&mut self, vector: Vector3<f32>, turn: Vector3<f32>, decay_factor: f32) -> Vector3<f32> {
-        let last_vector = self.last_vector.replace(vector).unwrap_or(vector);
-        let (observed, predicted) = (vector - last_vector, (last_vector + vector).cross(&turn) * 0.5);
-        self.observed = self.observed * decay_factor + observed;
-        self.predicted = self.predicted * decay_factor + predicted;
-        predicted - observed
-    }
-
-    /// Whether the vector has moved as predicted, by an angle that shows it.
-    fn has_moved_as_predicted(&self) -> bool {
-        let predicted_rad = self.predicted.vector_length();
-        predicted_rad > MIN_FIELD_MOTION_RAD
-            && (self.observed - self.predicted).vector_length() < (1.0 - MIN_FOLLOWING_MOTION_RATIO) * predicted_rad
     }
 }
 
