@@ -6,7 +6,7 @@ use crate::wire::dronecan::NodeId;
 use crate::wire::dronecan::outbound::BusCounts;
 use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
-use autoswing::instrument::{self, InstallationChange};
+use autoswing::instrument::{InstallationChange, Instrument};
 use autoswing::reading::Identity;
 use autoswing_module::messages::SampleLoss;
 use autoswing_module::settings::{PORT_COUNT, PortNumber, ProtocolKind};
@@ -168,6 +168,8 @@ counters! {
     inertial_register_upsets,
     /// Own body rates that contradict those of the autopilot.
     inertial_rate_contradictions,
+    /// Latency of the attitude that own rates correct, milliseconds.
+    corrected_latency_ms,
     /// Valid attitude reports of the selected sender.
     attitude_reports,
     /// Valid attitude reports of other senders.
@@ -200,7 +202,8 @@ counters! {
 
 impl EventCounters {
     /// Copies the instrument's counters.
-    pub fn copy_rejections(&self, counts: &instrument::RejectionCounts) {
+    pub fn copy_instrument_counts(&self, instrument: &Instrument) {
+        let counts = instrument.rejection_counts();
         for (counter, count) in [
             (&self.unpaired_readings, counts.unpaired_readings),
             (&self.saturated, counts.saturated_readings),
@@ -212,6 +215,7 @@ impl EventCounters {
             (&self.attitude_spikes, counts.rejected_reports.spike_reports),
             (&self.attitude_rate_contradictions, counts.rejected_reports.rate_contradictions),
             (&self.inertial_rate_contradictions, counts.rejected_reports.own_rate_contradictions),
+            (&self.corrected_latency_ms, instrument.corrected_latency_us().unsigned_abs() / 1000),
         ] {
             counter.store(count, Ordering::Relaxed);
         }

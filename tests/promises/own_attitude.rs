@@ -184,3 +184,40 @@ fn the_own_attitude_is_used_automatically_without_an_autopilot() {
     rig.run_for_s(2.0);
     assert_eq!(status_line(&mut rig, "attitude: "), "none received");
 }
+
+/// An autopilot whose attitude is half a second old: within the two 50 ms steps in which the latency is measured.
+#[test]
+fn the_latency_that_the_gyro_corrects_is_reported() {
+    for (latency_ms, corrected_ms) in [(20.0, None), (500.0, Some(400..=600))] {
+        let mut world = WorldConfig { attitude: AttitudeSource::Automatic, ..WorldConfig::of_table1(2) };
+        world.attitude_source.latency_ms = latency_ms;
+        let mut rig = Rig::new(world);
+        rig.world.set_prescribed_motion(PrescribedMotion::default());
+        rig.run_for_s(1.0);
+        rig.send_console_line("set attitude auto");
+        rig.run_for_s(10.0);
+        // A bank in a second, held for five, and back.
+        for _ in 0..6 {
+            for (roll_deg, roll_rate_deg_s, seconds) in
+                [(0.0, 25.0, 1.0), (25.0, 0.0, 5.0), (25.0, -25.0, 1.0), (0.0, 0.0, 5.0)]
+            {
+                rig.world.set_prescribed_motion(PrescribedMotion {
+                    roll_deg,
+                    roll_rate_deg_s,
+                    ..PrescribedMotion::default()
+                });
+                rig.run_for_s(seconds);
+            }
+        }
+        let gyro = status_line(&mut rig, "gyro: ");
+        let reported_ms: Option<u32> =
+            gyro.split_once("latency of ").and_then(|(_, text)| text.split(' ').next()?.parse().ok());
+        assert!(
+            match corrected_ms {
+                Some(range) => reported_ms.is_some_and(|ms| range.contains(&ms)),
+                None => reported_ms.is_none(),
+            },
+            "{latency_ms}: {gyro}"
+        );
+    }
+}

@@ -69,7 +69,7 @@ pub async fn run_instrument(links: &TaskLinks) -> ! {
             // ports have run in between.
             yield_now().await;
             yield_now().await;
-            links.event_counters.copy_rejections(&instrument.rejection_counts());
+            links.event_counters.copy_instrument_counts(&instrument);
             if let Some(changed) = correction.try_changed() {
                 instrument.set_correction(changed);
             }

@@ -369,6 +369,12 @@ impl Instrument {
         }
     }
 
+    /// Latency of the autopilot's attitude that the own gyro corrects, microseconds; 0 if it is short.
+    #[must_use]
+    pub fn corrected_latency_us(&self) -> i32 {
+        self.attitude_track.corrected_latency_us()
+    }
+
     /// Parameters of the instrument.
     #[must_use]
     pub const fn instrument_config(&self) -> &InstrumentConfig {

@@ -244,7 +244,7 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
     if !HAS_OWN_ATTITUDE || counts.inertial_readings == 0 {
         writeln!(out, "gyro: not found")?;
     } else {
-        writeln!(
+        write!(
             out,
             "gyro: {} readings, {} errors, {} register upsets repaired, {} rates unlike the autopilot's",
             counts.inertial_readings,
@@ -252,6 +252,10 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
             counts.inertial_register_upsets,
             counts.inertial_rate_contradictions
         )?;
+        if counts.corrected_latency_ms > 0 {
+            write!(out, ", attitude's latency of {} ms corrected", counts.corrected_latency_ms)?;
+        }
+        writeln!(out)?;
     }
     writeln!(
         out,
