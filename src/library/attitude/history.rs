@@ -1,5 +1,7 @@
 //! Attitude history of an autopilot: its delayed, discrete reports, and its attitude at the instant of a measurement.
 
+use nalgebra::Vector3;
+
 use super::alignment_detector::InitialAlignmentDetector;
 use super::config::AttitudeConfig;
 use super::euler_rates::GyroHeading;
@@ -136,6 +138,11 @@ impl AttitudeHistory {
     pub fn update_field(&mut self, field: Field<Body>) {
         self.stale_attitude_detector.update_field(field);
         self.freeze_detector.update_field(field);
+    }
+
+    /// Direction of the last corrected field in body axes.
+    pub const fn field_direction(&self) -> Option<Vector3<f32>> {
+        self.stale_attitude_detector.field_direction()
     }
 
     /// Updates the alignment detector with the raw field of a reading.

@@ -76,7 +76,7 @@ impl AttitudeTrack {
             return false;
         }
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
-        let (report, own_rates) = self.own.improved_report(described_at, report);
+        let (report, own_rates) = self.own.improved_report(described_at, report, self.autopilot.field_direction());
         if let Some(described_at) = self.autopilot.push_report(arrival, report, own_rates) {
             self.own.carry_attitude(described_at, report.attitude);
         }
@@ -86,7 +86,6 @@ impl AttitudeTrack {
     /// Updates the detectors of frozen and of stale attitude with the corrected field of a reading.
     pub fn update_field(&mut self, field: Field<Body>) {
         self.autopilot.update_field(field);
-        self.own.update_field(field);
     }
 
     /// Updates the alignment detector with the raw field of a reading.

@@ -1,13 +1,13 @@
 //! Comparison of the own body rates with those of an autopilot.
 //!
-//! Either may be wrong. The field in body axes, which moves by the true rates, arbitrates where its motion shows the difference. Where
-//! it does not, the own rates are not used: an autopilot's are those of a module without a gyro.
+//! Either may be wrong. The field in body axes, which moves by the true rates, arbitrates where its motion shows the difference: of own
+//! rates that are stuck or clipped, by MSP, a tenth as many headings are bad as by the rates alone. Where it does not, the own rates are
+//! not used: an autopilot's are those of a module without a gyro.
 
 use nalgebra::Vector3;
 
 use super::report::BodyRates;
 use super::vector_motion::{MOTION_MEMORY_S, VectorMotion};
-use crate::frames::{Body, Field};
 use crate::time::Timestamp;
 use crate::trig::{DEG, VectorLength as _};
 
@@ -36,17 +36,15 @@ const SUPPORTED_REPORT_WEIGHT: u8 = 20;
 /// Slowest rotation in which an agreement counts, rad/s: a turn.
 const MIN_AGREEING_RATE_RAD_S: f32 = 10.0 * DEG;
 
-/// Smallest error of the field's motion that the autopilot's rates predict, radians (2 deg), and largest part of it in that of the own
-/// ones, for the field to support the own ones.
+/// Smallest error of the field's motion by one gyro's rates, radians (2 deg), and largest part of it by those of the other, for the field
+/// to support the other.
 const MIN_PREDICTION_ERROR_RAD: f32 = 0.035;
-const MAX_OWN_ERROR_RATIO: f32 = 0.5;
+const MAX_ERROR_RATIO: f32 = 0.5;
 
 /// Difference of own and autopilot's body rates, and its consequence.
 #[derive(Debug)]
 pub(super) struct RateComparison {
     updated_at: Timestamp,
-    /// Direction of the last reading's field.
-    field_direction: Option<Vector3<f32>>,
     /// Motion of the field, by own rates and by the autopilot's.
     field_motion: [VectorMotion; 2],
     mean_own_rad_s: Vector3<f32>,
@@ -62,7 +60,6 @@ impl RateComparison {
     pub const fn new() -> Self {
         Self {
             updated_at: Timestamp::START,
-            field_direction: None,
             field_motion: [VectorMotion::new(), VectorMotion::new()],
             mean_own_rad_s: Vector3::new(0.0, 0.0, 0.0),
             mean_autopilot_rad_s: Vector3::new(0.0, 0.0, 0.0),
@@ -73,18 +70,19 @@ impl RateComparison {
         }
     }
 
-    /// Updates the field direction with a corrected reading.
-    pub fn update_field(&mut self, field: Field<Body>) {
-        let strength_ut = field.ut.vector_length();
-        self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
-    }
-
-    /// Compares the rates of an instant; returns whether the own ones may be used there.
-    pub fn compare_rates(&mut self, at: Timestamp, own: BodyRates, autopilot: BodyRates) -> bool {
+    /// Compares the rates of an instant, at which the field has this direction in body axes; returns whether the own ones may be used
+    /// there.
+    pub fn compare_rates(
+        &mut self,
+        at: Timestamp,
+        own: BodyRates,
+        autopilot: BodyRates,
+        field_direction: Option<Vector3<f32>>,
+    ) -> bool {
         let [own_rad_s, autopilot_rad_s] = [own, autopilot].map(|rates| Vector3::from(rates.rad_s()));
         let step_s = (at.us_since(self.updated_at) as f32 * 1e-6).min(MEAN_TIME_S);
         let weight = step_s / MEAN_TIME_S;
-        if let Some(direction) = self.field_direction {
+        if let Some(direction) = field_direction {
             for (motion, rates_rad_s) in self.field_motion.iter_mut().zip([own_rad_s, autopilot_rad_s]) {
                 motion.accumulate_motion(direction, rates_rad_s * step_s, step_s);
             }
@@ -92,24 +90,24 @@ impl RateComparison {
         self.updated_at = at;
         self.mean_own_rad_s += (own_rad_s - self.mean_own_rad_s) * weight;
         self.mean_autopilot_rad_s += (autopilot_rad_s - self.mean_autopilot_rad_s) * weight;
+        let agreement = self.agreement(own_rad_s);
+        self.count_report(agreement, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
+        agreement > 0 && !self.is_contradicted
+    }
+
+    /// Number of agreeing reports to which a report with these own rates is equal; 0 if it differs.
+    fn agreement(&self, own_rad_s: Vector3<f32>) -> u8 {
         let by_latency_rad_s = (own_rad_s - self.mean_own_rad_s).vector_length() * (MAX_LATENCY_S / MEAN_TIME_S);
         let allowed_rad_s = MAX_DIFFERENCE_RAD_S
             + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length()
             + by_latency_rad_s;
         let differs = (self.mean_own_rad_s - self.mean_autopilot_rad_s).amax() > allowed_rad_s;
-        let agreement = match (differs, self.does_field_support_own_rates()) {
-            (true, true) => SUPPORTED_REPORT_WEIGHT,
-            (true, false) => 0,
-            (false, _) => 1,
-        };
-        self.count_report(agreement, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
-        agreement > 0 && !self.is_contradicted
-    }
-
-    /// Whether the field moves by the own rates rather than by the autopilot's.
-    fn does_field_support_own_rates(&self) -> bool {
-        let [own_rad, autopilot_rad] = self.field_motion.each_ref().map(VectorMotion::error_rad);
-        autopilot_rad > MIN_PREDICTION_ERROR_RAD && own_rad < MAX_OWN_ERROR_RATIO * autopilot_rad
+        let [own_error_rad, autopilot_error_rad] = self.field_motion.each_ref().map(VectorMotion::error_rad);
+        if differs && is_clearly_smaller(own_error_rad, autopilot_error_rad) {
+            SUPPORTED_REPORT_WEIGHT
+        } else {
+            u8::from(!differs && !is_clearly_smaller(autopilot_error_rad, own_error_rad))
+        }
     }
 
     /// Counts a report that differs (0), or is equal to a number of agreeing ones.
@@ -145,11 +143,16 @@ impl RateComparison {
     }
 }
 
+/// Whether rates predict the field's motion, and others do not, with these errors of the motion.
+fn is_clearly_smaller(error_rad: f32, other_error_rad: f32) -> bool {
+    other_error_rad > MIN_PREDICTION_ERROR_RAD && error_rad < MAX_ERROR_RATIO * other_error_rad
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::testing::{heading_and_roll_in_turns_deg, report_time};
     use super::*;
-    use crate::frames::RollPitch;
+    use crate::frames::{Field, RollPitch};
 
     /// Times, seconds, at which the own rates are refused and used again, of 100 s of rolls into turns and out of them, at 50 Hz, with an
     /// autopilot's latency, and errors of the own and of its rates of each axis, deg/s, from 30 to 50 s. A field is known or not.
@@ -165,14 +168,12 @@ mod tests {
             let t_s = 1.0 + f32::from(i) * 0.02;
             let [own_error_deg_s, autopilot_error_deg_s] =
                 if (30.0..50.0).contains(&t_s) { errors_deg_s } else { [0.0; 2] };
-            if is_field_known {
-                let [heading_deg, roll_deg] = heading_and_roll_in_turns_deg(t_s);
-                let earth = Field::earth_field(50.0, 1.1, heading_deg.to_radians());
-                comparison.update_field(RollPitch::from_deg(roll_deg, 0.0).to_body_frame(Field::new(earth.ut)));
-            }
+            let [heading_deg, roll_deg] = heading_and_roll_in_turns_deg(t_s);
+            let level = Field::new(Field::earth_field(1.0, 1.1, heading_deg.to_radians()).ut);
+            let field = is_field_known.then(|| RollPitch::from_deg(roll_deg, 0.0).to_body_frame(level).ut);
             let was_contradicted = comparison.is_contradicted();
             let [own, autopilot] = [rates(t_s, own_error_deg_s), rates(t_s - latency_s, autopilot_error_deg_s)];
-            comparison.compare_rates(report_time(i), own, autopilot);
+            comparison.compare_rates(report_time(i), own, autopilot, field);
             if comparison.is_contradicted() != was_contradicted {
                 changes.push(t_s);
             }

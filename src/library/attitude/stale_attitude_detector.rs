@@ -102,6 +102,11 @@ impl StaleAttitudeDetector {
         self.field_direction = (strength_ut > 0.0).then(|| field.ut / strength_ut);
     }
 
+    /// Direction of the last corrected field in body axes.
+    pub const fn field_direction(&self) -> Option<Vector3<f32>> {
+        self.field_direction
+    }
+
     /// Processes a report, with its body rates or own ones; returns whether the attitude is stale. Always false without a field or
     /// without body rates. A detected attitude is stale until it follows the rates, or the field contradicts them.
     pub fn process_report(&mut self, at: Timestamp, report: &AttitudeReport, own_rates: Option<BodyRates>) -> bool {
