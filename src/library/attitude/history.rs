@@ -140,6 +140,11 @@ impl AttitudeHistory {
         self.freeze_detector.update_field(field);
     }
 
+    /// Forgets the motion by body rates that may have been wrong, and what it has shown.
+    pub const fn restart_stale_attitude_detector(&mut self) {
+        self.stale_attitude_detector = StaleAttitudeDetector::new();
+    }
+
     /// Direction of the last corrected field in body axes.
     pub const fn field_direction(&self) -> Option<Vector3<f32>> {
         self.stale_attitude_detector.field_direction()

@@ -20,6 +20,9 @@ const AUTOPILOT_START_US: u64 = 15_000_000;
 /// Longest interval between two estimates whose attitude and rates are used, microseconds: two and a half periods of 50 Hz.
 pub(super) const MAX_OWN_GAP_US: u32 = 50_000;
 
+/// Shortest interval between two estimates that is a pause of the sensors, microseconds: five periods of 50 Hz.
+const MIN_PAUSE_US: u64 = 100_000;
+
 /// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
 const NUMBER_BEFORE_RUNS: u8 = 128;
 
@@ -60,11 +63,12 @@ impl InertialLine {
         self.source
     }
 
-    /// Adds the estimate of a sample taken at `at`, unless the source is the autopilot alone.
-    pub fn push_estimate(&mut self, at: Timestamp, estimate: &InertialAttitude) {
+    /// Adds the estimate of a sample taken at `at`, unless the source is the autopilot alone; returns whether the sensors have
+    /// paused before it, as at a repair: estimates before that may be wrong.
+    pub fn push_estimate(&mut self, at: Timestamp, estimate: &InertialAttitude) -> bool {
         let is_used = HAS_OWN_ATTITUDE && self.source != AttitudeSource::Autopilot;
         if !is_used || self.estimates.newest().is_some_and(|last| last.sent_at >= at) {
-            return;
+            return false;
         }
         self.tilt_covariance = estimate.tilt_covariance;
         self.is_accurate = estimate.is_accurate;
@@ -72,6 +76,7 @@ impl InertialLine {
             AttitudeSource::Own => Some(estimate.rates_rad_s),
             _ => estimate.measured_rates_rad_s,
         };
+        let has_paused = self.estimates.newest().is_some_and(|last| at.us_since(last.sent_at) > MIN_PAUSE_US);
         let report = AttitudeReport {
             sender: SenderId::new(estimate.start_count.into()),
             sender_clock_at_sending: WrappingMillis::default(),
@@ -84,6 +89,7 @@ impl InertialLine {
             self.gyro_frame.push_rates(at, estimate.measured_rates_rad_s);
         }
         self.estimates.push_report(at, report, MAX_OWN_GAP_US);
+        has_paused
     }
 
     /// Records a report of the autopilot; returns whether it is used.
@@ -107,8 +113,8 @@ impl InertialLine {
     }
 
     /// An autopilot's report of an instant, with the attitude advanced by a long latency, and then own body rates; and own body rates to
-    /// check its attitude. Without a long latency they serve in a report without any: an autopilot's filter knows the offset of its gyro
-    /// better. With own rates in each report the RMS of planes is 0.33 instead of 0.26 deg.
+    /// check its attitude. Without a long latency they serve in a report without any. With own rates in each report the RMS is
+    /// equal to 0.03 deg without a fault, but of gyros with errors of 10 % 3.5 % of the headings of planes are bad, and 0 % so.
     pub fn improved_report(
         &mut self,
         at: Timestamp,

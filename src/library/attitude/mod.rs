@@ -66,7 +66,9 @@ impl AttitudeTrack {
 
     /// Adds an estimate of the own sensors from a sample taken at `at`.
     pub fn push_inertial_attitude(&mut self, at: Timestamp, estimate: &InertialAttitude) {
-        self.own.push_estimate(at, estimate);
+        if self.own.push_estimate(at, estimate) {
+            self.autopilot.restart_stale_attitude_detector();
+        }
     }
 
     /// Adds an autopilot's report whose last byte arrived at `arrival`; returns whether its source is used. Own body rates show
