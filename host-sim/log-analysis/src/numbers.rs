@@ -55,13 +55,11 @@ pub fn f32_as_f64(value: f32) -> f64 {
 }
 
 /// Name of an enumeration's value in JSON.
-#[must_use]
 pub fn json_name(value: impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
 }
 
 /// Coefficients of a calibration for JSON: at most nine digits, as of an f32.
-#[must_use]
 pub fn coefficients_json(calibration: &Calibration) -> Value {
     json!({
         "w": calibration.w.as_flattened().iter().copied().map(f32_as_f64).collect::<Vec<_>>(),
@@ -70,7 +68,6 @@ pub fn coefficients_json(calibration: &Calibration) -> Value {
 }
 
 /// Quantile of the numbers at a `fraction` of 0 to 1, nearest rank; `None` without numbers.
-#[must_use]
 pub fn quantile(numbers: impl IntoIterator<Item = f64>, fraction: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = numbers.into_iter().collect();
     sorted.sort_by(f64::total_cmp);
@@ -79,13 +76,11 @@ pub fn quantile(numbers: impl IntoIterator<Item = f64>, fraction: f64) -> Option
 }
 
 /// Median; NaN without numbers.
-#[must_use]
 pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
     quantile(numbers, 0.5).unwrap_or(f64::NAN)
 }
 
 /// Circular mean of finite angles, degrees.
-#[must_use]
 pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
     let finite = angles.into_iter().filter(|angle| angle.is_finite());
     let sums = finite.map(|angle| libm::sincos(angle.to_radians())).fold(None, |sums, (sin, cos)| {

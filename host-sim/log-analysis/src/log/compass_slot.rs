@@ -60,7 +60,6 @@ impl Default for CompassSlot {
 
 impl UnknownSlot {
     /// What to do for a file of parameters.
-    #[must_use]
     pub const fn remedy(self) -> &'static str {
         match self {
             Self::NotInBlackbox => {
@@ -84,7 +83,6 @@ impl UnknownSlot {
 
 impl CompassSlot {
     /// Index in the names of the parameters, if known.
-    #[must_use]
     pub const fn index(self) -> Option<u8> {
         match self {
             Self::Known(index) => Some(index),
@@ -93,7 +91,6 @@ impl CompassSlot {
     }
 
     /// Whether the log contradicts itself about the slot; an unknown slot otherwise cannot be checked.
-    #[must_use]
     pub const fn is_contradictory(self) -> bool {
         matches!(self, Self::Unknown(UnknownSlot::OffsetsContradict { .. }))
     }
@@ -288,13 +285,11 @@ impl DeviceId {
     }
 
     /// Whether the sensor is a node of a CAN bus, or sends its field by MSP.
-    #[must_use]
     pub const fn is_node(self) -> bool {
         matches!(self.0 & 7, 3 | 5)
     }
 
     /// Chip and bus by their usual names: `RM3100, I2C bus 0`. A node of a CAN bus does not name its chip.
-    #[must_use]
     pub fn chip_and_bus(self, is_px4: bool) -> String {
         let (bus, address) = (self.0 >> 3 & 0x1F, self.0 >> 8 & 0xFF);
         let bus = match self.0 & 7 {

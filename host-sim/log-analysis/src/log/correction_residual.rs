@@ -45,7 +45,6 @@ impl CorrectionResidual {
     }
 
     /// Whether the constant difference is that of offsets with another sign, or of none.
-    #[must_use]
     pub fn is_of_offsets(&self) -> bool {
         let is_like =
             |multiple: f64| (self.constant_ut - self.offset_ut * multiple).norm() < 0.5 * self.constant_ut.norm();

@@ -47,10 +47,6 @@ fn format_of(name: &str) -> Option<LogFormat> {
 }
 
 /// Reads a flight of the decoded format.
-///
-/// # Errors
-///
-/// The source cannot be read.
 pub fn read_decoded(source: &mut dyn Read, format: LogFormat, system: Option<u8>) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut columns = None;

@@ -312,7 +312,6 @@ impl LoggedFlight {
     }
 
     /// Major and minor version of the firmware, if its name has one.
-    #[must_use]
     pub fn firmware_version(&self) -> Option<(u32, u32)> {
         self.firmware_name.as_deref().and_then(firmware_version)
     }
@@ -371,7 +370,6 @@ impl LoggedFlight {
 }
 
 /// Mounting parameters of a compass or the board that changed in flight, with the time of the last change, seconds.
-#[must_use]
 pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> Vec<(String, f64)> {
     let is_px4 = match flight.autopilot {
         AutopilotKind::ArduPilot => false,
@@ -384,7 +382,6 @@ pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> 
 }
 
 /// ArduPilot's calibration parameters of a compass that are missing although another of the same x, y, z triple is present.
-#[must_use]
 pub fn missing_ardupilot_parameters(flight: &LoggedFlight, compass_number: u8) -> Vec<String> {
     let slot = flight.slot_index(compass_number).filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
     slot.map_or_else(Vec::new, |slot| missing_parameters_of_slot(&flight.parameters, slot))

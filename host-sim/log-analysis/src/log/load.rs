@@ -33,13 +33,11 @@ pub enum LoadSource {
 
 impl LoadSource {
     /// Whether the load is a current, amperes.
-    #[must_use]
     pub const fn is_current(self) -> bool {
         matches!(self, Self::Battery(_) | Self::Esc(_))
     }
 
     /// Number of the battery, motor or output; 1 of the throttle.
-    #[must_use]
     pub const fn number(self) -> u8 {
         match self {
             Self::Battery(number) | Self::Esc(number) | Self::Motor(number) | Self::Output(number) => number,

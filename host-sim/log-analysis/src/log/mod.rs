@@ -56,23 +56,24 @@ use csv::FieldUnit;
 use table_set::{TableFile, TableSet};
 use zip::BoundedContent;
 
-pub(crate) use compass_slot::{ARDUPILOT_SLOTS, ardupilot_index, ardupilot_vector, external_parameter};
-pub use compass_slot::{CompassSlot, DeviceId, UnknownSlot};
+#[cfg(test)]
+pub(crate) use compass_slot::UnknownSlot;
+pub(crate) use compass_slot::{
+    ARDUPILOT_SLOTS, CompassSlot, DeviceId, ardupilot_index, ardupilot_vector, external_parameter,
+};
 pub use correction::FieldCorrection;
 pub(crate) use correction::symmetric_matrix;
-pub use correction_residual::CorrectionResidual;
-pub use flight::{
-    AttitudeView, AutopilotKind, Gps, HeadingLatency, LogFormat, LoggedCompass, LoggedFlight, RatesProblem,
-    SkippedCounts, missing_ardupilot_parameters, mounting_parameter_changes,
-};
+pub(crate) use correction_residual::CorrectionResidual;
+pub(crate) use flight::{AttitudeView, LoggedCompass, missing_ardupilot_parameters, mounting_parameter_changes};
+pub use flight::{AutopilotKind, Gps, LogFormat, LoggedFlight, RatesProblem};
 pub(crate) use heading_integral::{HeadingIntegral, MAX_PITCH_RAD};
-pub use load::{LoadSource, LoggedLoad};
+pub(crate) use load::LoadSource;
 pub use log_error::LogError;
-pub use mounting::{CustomRotation, NumberedRotation, SensorOrientation};
-pub(crate) use mounting::{logged_mounting, orientation_parameter, px4_external_trim, px4_mounting};
-pub use parameters::ParameterHistory;
-pub use vtol_view::VtolView;
-
+pub(crate) use mounting::{
+    CustomRotation, NumberedRotation, SensorOrientation, logged_mounting, orientation_parameter, px4_external_trim,
+    px4_mounting,
+};
+pub(crate) use parameters::ParameterHistory;
 pub use zip::EntryVisitor;
 
 /// Bytes searched to detect the format.

@@ -38,7 +38,6 @@ impl CustomRotation {
     pub const ARDUPILOT_ROTATIONS: [Self; 2] = [Self::Ardupilot(1), Self::Ardupilot(2)];
 
     /// Value of the orientation parameter that selects it.
-    #[must_use]
     pub const fn orientation_number(self) -> u8 {
         match self {
             Self::ArdupilotCompass | Self::Px4(_) => 100,
@@ -47,7 +46,6 @@ impl CustomRotation {
     }
 
     /// Names of the parameters of roll, pitch and yaw.
-    #[must_use]
     pub fn angle_parameters(self) -> [String; 3] {
         match self {
             Self::ArdupilotCompass => ["ROLL", "PIT", "YAW"].map(|angle| format!("COMPASS_CUS_{angle}")),
@@ -75,14 +73,12 @@ impl CustomRotation {
 
 impl SensorOrientation {
     /// The custom rotation nearest to a matrix, with the digits of a parameter file: 0.01 deg.
-    #[must_use]
     pub fn custom_nearest_to(rotation: CustomRotation, matrix: &Matrix3<f64>) -> Self {
         let (roll, pitch, yaw) = Rotation3::from_matrix_unchecked(*matrix).euler_angles();
         Self::Custom(rotation, [roll, pitch, yaw].map(|angle| (angle.to_degrees() * 100.0).round() / 100.0))
     }
 
     /// Rotation matrix from sensor to body axes.
-    #[must_use]
     pub fn rotation_matrix(self) -> Matrix3<f64> {
         match self {
             Self::Numbered(rotation) => rotation.rotation_matrix(),
@@ -91,7 +87,6 @@ impl SensorOrientation {
     }
 
     /// Value of the orientation parameter.
-    #[must_use]
     pub const fn number(self) -> u8 {
         match self {
             Self::Numbered(rotation) => rotation.rotation_number(),
@@ -226,20 +221,17 @@ pub struct NumberedRotation(u8);
 
 impl NumberedRotation {
     /// The rotation of a number; none if unknown.
-    #[must_use]
     pub fn new(rotation_number: f64) -> Option<Self> {
         let rounded = rotation_number.round();
         (0.0..ROTATION_ANGLES_DEG.len() as f64).contains(&rounded).then_some(Self(rounded as u8))
     }
 
     /// Number of the rotation.
-    #[must_use]
     pub const fn rotation_number(self) -> u8 {
         self.0
     }
 
     /// Rotation matrix from sensor to body axes: roll, then pitch, then yaw.
-    #[must_use]
     pub fn rotation_matrix(self) -> Matrix3<f64> {
         let [roll, pitch, yaw] =
             ROTATION_ANGLES_DEG[usize::from(self.0) % ROTATION_ANGLES_DEG.len()].map(|deg| f64::from(deg).to_radians());
@@ -247,7 +239,6 @@ impl NumberedRotation {
     }
 
     /// The numbered rotation nearest to a matrix, and the angle between both, degrees.
-    #[must_use]
     pub fn nearest_to_matrix(matrix: &Matrix3<f64>) -> (Self, f64) {
         let angle_deg = |rotation: Self| {
             let trace = (rotation.rotation_matrix().transpose() * matrix).trace();

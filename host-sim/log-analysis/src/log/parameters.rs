@@ -42,7 +42,6 @@ impl ParameterHistory {
     }
 
     /// The value at a time.
-    #[must_use]
     pub fn value_at(&self, t_s: f64, name: &str) -> Option<f64> {
         let values = self.0.get(name)?;
         let latest = values.iter().take_while(|&&(from_s, _)| from_s <= t_s).last();
@@ -50,19 +49,16 @@ impl ParameterHistory {
     }
 
     /// The last value of a parameter.
-    #[must_use]
     pub fn last_value(&self, name: &str) -> Option<f64> {
         self.value_at(f64::INFINITY, name)
     }
 
     /// Time of a parameter's last change, seconds; none if it never changed.
-    #[must_use]
     pub fn last_change_s(&self, name: &str) -> Option<f64> {
         self.0.get(name)?.iter().skip(1).last().map(|&(t_s, _)| t_s)
     }
 
     /// Times at which any parameter with a prefix changed, seconds, in order.
-    #[must_use]
     pub fn change_times_s(&self, prefix: &str) -> Vec<f64> {
         let histories = self.0.iter().filter(|(name, _)| name.starts_with(prefix));
         let mut times: Vec<f64> =
@@ -73,7 +69,6 @@ impl ParameterHistory {
     }
 
     /// Whether any parameter has a name with this prefix.
-    #[must_use]
     pub fn has_prefix(&self, prefix: &str) -> bool {
         self.0.range(prefix.to_owned()..).next().is_some_and(|(name, _)| name.starts_with(prefix))
     }
@@ -87,7 +82,6 @@ impl ParameterHistory {
     }
 
     /// Whether there are no parameters.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

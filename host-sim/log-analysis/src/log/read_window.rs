@@ -19,10 +19,6 @@ impl<'a> ReadWindow<'a> {
     }
 
     /// Returns the next `byte_count` bytes without consuming them, fewer at the end of the source.
-    ///
-    /// # Errors
-    ///
-    /// The source cannot be read.
     pub fn peek_bytes(&mut self, byte_count: usize) -> io::Result<&[u8]> {
         let byte_count = byte_count.min(MAX_PEEK_BYTES);
         while self.buffered_end - self.buffered_start < byte_count && !self.is_at_end {
@@ -43,10 +39,6 @@ impl<'a> ReadWindow<'a> {
 
     /// Consumes the next line and returns it without its end; none at the end of the source. Splits lines longer than
     /// [`MAX_PEEK_BYTES`].
-    ///
-    /// # Errors
-    ///
-    /// The source cannot be read.
     pub fn next_line(&mut self) -> io::Result<Option<String>> {
         const READ_CHUNK_BYTES: usize = 4096;
         for byte_count in [READ_CHUNK_BYTES, MAX_PEEK_BYTES] {

@@ -53,10 +53,6 @@ impl TableSet {
     }
 
     /// Reads a table. An error of a sensor's table is that of the log.
-    ///
-    /// # Errors
-    ///
-    /// The table of a topic cannot be read.
     pub fn read_table(&mut self, file: &TableFile<'_>, source: &mut dyn Read, unit: FieldUnit) -> io::Result<()> {
         if let Some((topic, instance)) = file.topic {
             return self.topics.get_or_insert_with(UlogReader::new).read_table(topic, instance, source);

@@ -60,7 +60,6 @@ impl<const N: usize> Series<N> {
     }
 
     /// Creates an empty series of a gyro or accelerometer, which keeps its rate.
-    #[must_use]
     pub(super) const fn of_inertial_sensor() -> Self {
         Self::with_thinning(OF_INERTIAL_SENSOR)
     }

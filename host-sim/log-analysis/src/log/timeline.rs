@@ -58,12 +58,10 @@ impl Timeline {
         Some(seconds_from_us(clock_us) + self.offset_s)
     }
 
-    #[must_use]
     pub fn newest_s(&self) -> f64 {
         self.newest_us.map_or(0.0, |clock_us| seconds_from_us(clock_us) + self.offset_s)
     }
 
-    #[must_use]
     pub const fn has_accepted_stamp(&self) -> bool {
         self.newest_us.is_some()
     }

@@ -65,10 +65,6 @@ fn find_clock_length(first_bytes: &[u8]) -> Option<usize> {
 }
 
 /// Reads the flight of a system, or of the first autopilot received.
-///
-/// # Errors
-///
-/// The source cannot be read.
 pub fn read_tlog(source: &mut dyn Read, system: Option<u8>) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut log = TlogReader::new(system);

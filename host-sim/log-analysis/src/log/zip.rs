@@ -28,10 +28,6 @@ pub fn matches_header(first_bytes: &[u8]) -> bool {
 }
 
 /// Passes each file of an archive to `visit`; folders are skipped.
-///
-/// # Errors
-///
-/// The source cannot be read, or the archive is damaged, encrypted, or compressed by another method than deflate.
 pub fn visit_entries(source: &mut dyn Read, visit: &mut EntryVisitor<'_>) -> io::Result<()> {
     let mut source = BufReader::new(source);
     for _ in 0..MAX_ENTRIES {

@@ -7,7 +7,6 @@ use crate::log::FieldCorrection;
 const MIN_ROWS: usize = 20;
 
 /// Fits a sphere to fields in microtesla by linear least squares of `|m|^2 = 2 c m + k`; returns the correction.
-#[must_use]
 pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
     let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix =
@@ -20,7 +19,6 @@ pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
 
 /// Fits an ellipsoid to fields in microtesla by linear least squares of the quadric `m A m + 2 b m = 1`; returns the
 /// symmetric correction to a sphere of equal volume, or none for another quadric.
-#[must_use]
 pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
     let (scaled, mean, scale) = normalised_points(fields)?;
     let matrix = DMatrix::from_fn(scaled.len(), 9, |row, column| {

@@ -34,7 +34,6 @@ pub struct FieldLatency {
 }
 
 /// Estimates a compass's latency; the format's default if the flight does not show it.
-#[must_use]
 pub fn estimate_latency(flight: &LoggedFlight, compass: &LoggedCompass) -> FieldLatency {
     let default_latency = FieldLatency { used_s: flight.log_format.default_field_latency_s(), sigma_s: None };
     let mut latency_s = default_latency.used_s;

@@ -24,19 +24,16 @@ pub struct HeadingSectors {
 
 impl HeadingSectors {
     /// Number of sectors flown, of twelve.
-    #[must_use]
     pub fn flown_count(&self) -> usize {
         self.row_counts.iter().filter(|row_count| **row_count >= MIN_ROWS_PER_SECTOR).count()
     }
 
     /// Whether a compass can be judged on the headings flown.
-    #[must_use]
     pub fn are_judged(&self) -> bool {
         self.flown_count() >= MIN_JUDGED_SECTORS
     }
 
     /// Whether the headings flown show more than the compass's error on them.
-    #[must_use]
     pub fn suffice(&self) -> bool {
         self.flown_count() >= MIN_COVERED_SECTORS
     }

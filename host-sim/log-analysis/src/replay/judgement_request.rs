@@ -128,7 +128,6 @@ pub fn evaluate_as_requested(
 }
 
 /// Options that were given, name and value, for the report.
-#[must_use]
 pub fn settings_table(options: &EvaluationOptions) -> Vec<[String; 2]> {
     let [from_s, to_s] = options.time_window_s;
     let seconds = |time_s: f64| time_s.is_finite().then(|| format!("{time_s} s"));

@@ -31,7 +31,6 @@ pub struct ModuleRun<'a> {
 
 impl<'a> ModuleRun<'a> {
     /// A module at the start of a collection.
-    #[must_use]
     pub fn new(
         procedure: Procedure,
         options: &ReplayOptions,

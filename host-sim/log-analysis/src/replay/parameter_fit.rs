@@ -47,7 +47,6 @@ pub struct CompassFit {
 
 impl ParameterFit {
     /// Fits the rows after the last change.
-    #[must_use]
     pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, options: &ReplayOptions) -> Self {
         let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + SKIPPED_AFTER_CHANGE_S);
         let since: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable && row.t_s >= from_s).copied().collect();
@@ -65,19 +64,16 @@ impl ParameterFit {
     }
 
     /// Solution of the fit.
-    #[must_use]
     pub fn solution(&self) -> Option<&Solution> {
         self.fit.as_ref().map(|fit| &fit.solution)
     }
 
     /// Correction by the fit.
-    #[must_use]
     pub fn correction(&self) -> Option<FieldCorrection> {
         self.solution().map(solved_correction)
     }
 
     /// Strength of the Earth's field by a fit that the flight determines, microtesla.
-    #[must_use]
     pub fn strength_ut(&self) -> Option<f64> {
         self.solution().filter(|solution| is_determined(solution)).map(|solution| solution.calibration.total_ut.into())
     }
@@ -160,7 +156,6 @@ fn solve_in_any_mount(
 
 /// Half of the flight that a time belongs to: blocks alternate irregularly (by the golden ratio), so that circles of
 /// any period are divided evenly.
-#[must_use]
 pub fn half_index_at(t_s: f64) -> usize {
     const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
     usize::from(((t_s / FIT_BLOCK_S).floor() * GOLDEN_RATIO).rem_euclid(1.0) < 0.5)

@@ -42,7 +42,6 @@ impl Verdict<'_> {
     }
 
     /// Old and new values of the parameters to load.
-    #[must_use]
     pub fn parameter_changes(&self) -> Vec<ParameterChange> {
         self.parameter_text().map_or_else(Vec::new, |text| parameter_changes(&text, self.flight))
     }

@@ -55,7 +55,6 @@ impl ReferenceHeading {
     }
 
     /// The reference of a kind, if the log has it.
-    #[must_use]
     pub fn of_kind(flight: &LoggedFlight, reference_kind: ReferenceKind) -> Option<Self> {
         let gps_yaws = || flight.gps.rows().iter().filter(|row| row.row_values[5].is_finite()).count();
         match reference_kind {

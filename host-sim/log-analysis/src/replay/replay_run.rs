@@ -23,7 +23,6 @@ pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult 
 }
 
 /// Replays rows with the flight's attitudes between them.
-#[must_use]
 pub fn replay_rows_of_flight(
     rows: &[ReplayRow],
     flight: Option<&LoggedFlight>,

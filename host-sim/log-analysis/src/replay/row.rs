@@ -41,7 +41,6 @@ impl ReplayRow {
     }
 
     /// Field as the autopilot corrected it, microtesla.
-    #[must_use]
     pub fn logged_ut(&self) -> Vector3<f64> {
         self.logged_field.ut.map(f64::from)
     }
@@ -53,7 +52,6 @@ impl ReplayRow {
     }
 
     /// Corrected field, microtesla; an unknown current counts as zero.
-    #[must_use]
     pub fn corrected_field(&self, correction: &FieldCorrection) -> Vector3<f64> {
         correction.correct_field(self.raw_field.ut.map(f64::from), self.current_a.map_or(0.0, f64::from))
     }

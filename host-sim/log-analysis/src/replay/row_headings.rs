@@ -48,7 +48,6 @@ pub(super) fn rms_deg_by_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) 
 }
 
 /// Whether the monitor runs at a row interval in seconds.
-#[must_use]
 pub fn is_monitored(interval_s: f64) -> bool {
     interval_s * 1e6 <= f64::from(MAX_MONITORED_INTERVAL_US)
 }

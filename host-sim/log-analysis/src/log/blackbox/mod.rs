@@ -42,10 +42,6 @@ pub fn matches_header(first_bytes: &[u8]) -> bool {
 }
 
 /// Reads each flight.
-///
-/// # Errors
-///
-/// The source cannot be read.
 pub fn visit_flights(source: &mut dyn Read, visit: &mut FlightVisitor<'_>) -> io::Result<()> {
     let mut window = ReadWindow::new(source);
     if window.peek_bytes(FIRST_COLUMN.len())? == FIRST_COLUMN {

@@ -27,7 +27,6 @@ pub enum CsvError {
 
 impl CsvError {
     /// Stable code of the reason, for programs.
-    #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::Unreadable(_) => "unreadable-file",

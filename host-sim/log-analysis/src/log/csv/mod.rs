@@ -32,7 +32,7 @@ mod table_layout;
 use std::io::Read;
 
 pub use columns::FieldUnit;
-pub use error::CsvError;
+pub(super) use error::CsvError;
 
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
@@ -41,18 +41,13 @@ pub(super) use reader::TableReader;
 use table_layout::{TableLayout, is_header};
 
 /// Whether the first line that is no comment is the header of a table: it names `t_s`, or half of the required columns.
-#[must_use]
-pub fn is_table(first_bytes: &[u8]) -> bool {
+pub(super) fn is_table(first_bytes: &[u8]) -> bool {
     let first = first_bytes.split(|&byte| byte == b'\n').find(|line| !is_comment(line));
     first.is_some_and(|line| is_header(&String::from_utf8_lossy(line)))
 }
 
 /// Reads a flight.
-///
-/// # Errors
-///
-/// The table has no usable rows, or a column is missing.
-pub fn read_csv(source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvError> {
+pub(super) fn read_csv(source: impl Read, unit: FieldUnit) -> Result<LoggedFlight, CsvError> {
     let mut table_reader = TableReader::new();
     read_table(&mut table_reader, source, unit, "")?;
     table_reader.finish_flight()
@@ -65,10 +60,6 @@ pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
 }
 
 /// Reads a table whose log has further tables if it has a name.
-///
-/// # Errors
-///
-/// A column is missing.
 pub(super) fn read_table(
     table_reader: &mut TableReader,
     mut source: impl Read,

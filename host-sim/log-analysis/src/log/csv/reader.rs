@@ -36,7 +36,6 @@ pub struct TableReader {
 
 impl TableReader {
     /// A reader before its first table.
-    #[must_use]
     pub fn new() -> Self {
         Self {
             builder: FlightBuilder::new(LogFormat::Csv),
@@ -159,10 +158,6 @@ impl TableReader {
     }
 
     /// The flight of all tables.
-    ///
-    /// # Errors
-    ///
-    /// The tables have no usable rows, or their values contradict their units.
     pub fn finish_flight(mut self) -> Result<LoggedFlight, CsvError> {
         let scale_problem = self.time_problem.take().or_else(|| self.scale_monitor.problem(self.is_unordered));
         if let Some(problem) = scale_problem {

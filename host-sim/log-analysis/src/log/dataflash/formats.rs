@@ -33,10 +33,6 @@ pub fn is_sdlog2(first_bytes: &[u8]) -> bool {
 }
 
 /// Reads a flight.
-///
-/// # Errors
-///
-/// The source cannot be read.
 pub fn read_binary(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut layouts: [Option<MessageLayout>; 256] = std::array::from_fn(|_| None);
@@ -187,10 +183,6 @@ fn decode_text(bytes: &[u8]) -> String {
 const MAX_MESSAGE_KINDS: usize = 512;
 
 /// Reads a flight.
-///
-/// # Errors
-///
-/// The source cannot be read.
 pub fn read_text(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     let mut columns: HashMap<String, LineLayout> = HashMap::new();

@@ -34,7 +34,6 @@ const GPS_FIELDS: &str = "GPS_fixType,GPS_numSat,GPS_coord[0],GPS_coord[1],GPS_a
 const MINIMUM_THROTTLE: i32 = 1080;
 
 /// Encodes a recording as INAV's blackbox; parameters are not logged.
-#[must_use]
 pub fn encode_blackbox(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = encode_header(recording).into_bytes();
     let home = recording.start_position.map_or([0; 2], position_counts);

@@ -35,7 +35,6 @@ impl From<f64> for ColumnValue {
 }
 
 /// Encodes a recording as binary DataFlash.
-#[must_use]
 pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
     for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {
@@ -64,7 +63,6 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
 }
 
 /// Encodes a recording as DataFlash text.
-#[must_use]
 pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
     for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {

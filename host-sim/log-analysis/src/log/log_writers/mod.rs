@@ -29,7 +29,6 @@ pub fn encode_for_path(path: &Path, recording: &FlightRecording) -> Vec<u8> {
 }
 
 /// Encodes a recording as a table, milligauss.
-#[must_use]
 pub fn encode_csv(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::from(
         "t_s,mx,my,mz,roll_deg,pitch_deg,yaw_ref_deg,p_dps,q_dps,r_dps,current_a,armed,lat_deg,lon_deg,height_m,\

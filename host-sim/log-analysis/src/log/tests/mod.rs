@@ -15,6 +15,7 @@ use autoswing::earth::Date;
 use nalgebra::{Rotation3, Vector3};
 
 use super::csv::FieldUnit;
+use super::flight::SkippedCounts;
 use super::log_writers::{
     FlightRecording, FlightSample, encode_blackbox, encode_csv, encode_dataflash, encode_dataflash_text, encode_tlog,
     encode_ulog,

@@ -45,10 +45,6 @@ const MAX_PX4_MOTORS: usize = 12;
 const MAX_PX4_OUTPUTS: usize = 16;
 
 /// Reads a flight.
-///
-/// # Errors
-///
-/// The source cannot be read.
 pub fn read_ulog(source: &mut dyn Read) -> io::Result<LoggedFlight> {
     let mut window = ReadWindow::new(source);
     window.peek_bytes(FILE_HEADER_LENGTH)?;
@@ -143,10 +139,6 @@ impl UlogReader {
     }
 
     /// Reads the table of a topic.
-    ///
-    /// # Errors
-    ///
-    /// The source cannot be read.
     pub fn read_table(&mut self, topic: &str, instance: u8, source: &mut dyn Read) -> io::Result<()> {
         let mut window = ReadWindow::new(source);
         let Some(header) = window.next_line()? else { return Ok(()) };

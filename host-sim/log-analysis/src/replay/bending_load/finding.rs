@@ -38,7 +38,6 @@ pub struct BendingLoad {
 
 impl BendingCause {
     /// Stable code, for programs.
-    #[must_use]
     pub fn stable_code(&self) -> &'static str {
         match self {
             Self::Periodic(_) => "periodic",
@@ -53,7 +52,6 @@ impl BendingCause {
     }
 
     /// What bends the field, as far as it is beyond doubt: which of several motors it is, the fit may confuse.
-    #[must_use]
     pub fn summary(&self) -> String {
         match self {
             Self::Periodic(period_s) => format!("a load with a period of {} s", format_number(*period_s, 1)),
@@ -65,19 +63,16 @@ impl BendingCause {
     }
 
     /// Period, seconds, of a load with a constant one.
-    #[must_use]
     pub const fn period_s(&self) -> Option<f64> {
         if let Self::Periodic(period_s) = self { Some(*period_s) } else { None }
     }
 
     /// Current to which the size refers, amperes.
-    #[must_use]
     pub const fn at_current_a(&self) -> Option<f64> {
         if let Self::Logged { at_current_a, .. } = self { *at_current_a } else { None }
     }
 
     /// Numbers of the batteries, motors or outputs, from 1.
-    #[must_use]
     pub fn source_numbers(&self) -> Vec<u8> {
         match self {
             Self::Periodic(_) => Vec::new(),

@@ -46,7 +46,6 @@ const REFINEMENTS: usize = 3;
 
 /// Loads that bend the field in the usable rows: at most one logged, and one periodic. `initial` is a correction that
 /// fits most of the rows.
-#[must_use]
 pub fn find_bending_loads(
     rows: &[ReplayRow],
     flight: &LoggedFlight,

@@ -61,7 +61,6 @@ pub fn temporary_change_start_s(changes: &[LoggedHardIronChange]) -> Option<f64>
 /// Finds the changes of hard iron, in order of time: jumps, and in the parts between them steps, by splitting a part at
 /// the most significant one first. `initial` is a correction that fits most of the rows; `total_ut` the strength of the
 /// Earth's field.
-#[must_use]
 pub fn find_changes(
     rows: &[ReplayRow],
     flight: &LoggedFlight,

@@ -57,7 +57,6 @@ const MIN_TEMPORARY_CHANGE_S: f64 = 5.0;
 const MAX_CANCELLED_REMAINDER: f64 = 0.35;
 
 /// Times of all jumps of the corrected field in usable rows, seconds.
-#[must_use]
 pub fn find_jump_times_s(rows: &[ReplayRow], correction: &FieldCorrection) -> Vec<f64> {
     let search = JumpSearch::new(rows, correction);
     let jumps = search.jumps();
@@ -76,7 +75,6 @@ pub struct FittedCorrection {
 
 /// Jumps of the raw field in usable rows, in order of time. Outward from the fitted rows, each jump is removed from the
 /// fields beyond it: left in, it would appear as further jumps when the aircraft turns.
-#[must_use]
 pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronStep> {
     let Some(to_raw) = fit.correction.matrix.try_inverse() else { return Vec::new() };
     let mut search = JumpSearch::new(rows, &fit.correction);
@@ -99,7 +97,6 @@ pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronSte
 }
 
 /// Whether two steps cancel each other.
-#[must_use]
 pub fn cancel_each_other(one_ut: &Vector3<f64>, other_ut: &Vector3<f64>) -> bool {
     (one_ut + other_ut).norm() < MAX_CANCELLED_REMAINDER * one_ut.norm().max(other_ut.norm())
 }
@@ -347,7 +344,6 @@ impl<'a> JumpSearch<'a> {
 }
 
 /// Absolute residuals of strength and vertical component of a row's corrected field, microtesla.
-#[must_use]
 pub fn absolute_residuals_ut(row: &ReplayRow, field: &Vector3<f64>, [strength_ut, vertical_ut]: &[f64; 2]) -> [f64; 2] {
     [field.norm() - strength_ut, row.down_in_body().dot(field) - vertical_ut].map(f64::abs)
 }

@@ -47,20 +47,17 @@ pub struct HardIronStep {
 
 impl HardIronStep {
     /// Magnitude of the step, microtesla.
-    #[must_use]
     pub fn size_ut(&self) -> f64 {
         Vector3::from(self.step_ut).norm()
     }
 
     /// Axis with the largest component.
-    #[must_use]
     pub fn axis(&self) -> char {
         ['x', 'y', 'z'][Vector3::from(self.step_ut).iamax()]
     }
 }
 
 /// Finds a significant step of hard iron in the usable rows, starting from a correction that fits most of them.
-#[must_use]
 pub(super) fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
     let row_stride = usable.len().div_ceil(MAX_SEARCHED_ROWS).max(1);

@@ -15,7 +15,6 @@ use crate::replay::row_headings::is_monitored;
 const LATE_ATTITUDE_S: f64 = 0.1;
 
 /// All warnings about a log and its evaluation.
-#[must_use]
 pub fn warnings_of_flight(flight: &LoggedFlight, evaluation: &FlightEvaluation) -> Vec<String> {
     let compasses = &evaluation.compasses;
     let mut warnings = warnings_of_attitude(flight, evaluation);

@@ -109,10 +109,6 @@ pub enum ResidualDependence {
 
 /// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows, `orientation`
 /// the orientation parameters that a file may change, `terms` what a file corrects if all terms together make it useful.
-///
-/// # Errors
-///
-/// The parameters are not safe, or no better than those in use.
 pub fn choose_parameters(
     flight: &LoggedFlight,
     evaluation: &CompassEvaluation,
@@ -319,7 +315,6 @@ pub(super) fn is_mostly_inexpressible(rms_deg: f64, inexpressible_error_deg: f64
 
 impl NoParameters {
     /// Stable code of the reason, for programs.
-    #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::UnprovenReading(check) => match check.outcome {

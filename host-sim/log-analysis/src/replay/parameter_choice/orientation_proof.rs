@@ -16,10 +16,6 @@ const MAX_MISALIGNMENT_DEG: f64 = 10.0;
 
 /// Orientation parameters of a compass that the flight proves. Level turns alone do not distinguish a rotation about z
 /// from another north: body rates of rolls and pitches do, or a reference heading.
-///
-/// # Errors
-///
-/// The reason for leaving the orientation unchanged.
 pub fn provable_orientation(
     flight: &LoggedFlight,
     evaluation: &FlightEvaluation,

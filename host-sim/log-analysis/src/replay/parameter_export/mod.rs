@@ -1,13 +1,15 @@
 //! Exports the module's solution as autopilot parameters: orientation, then a symmetric matrix.
 
 mod exported_correction;
-pub mod orientation;
+pub(super) mod orientation;
 mod parameter_file;
 mod parameter_format;
 mod symmetric_fit;
 
-pub use exported_correction::{ExportedCorrection, HeldBackScore};
-pub use parameter_file::{format_parameter_file, may_compensate_current, parse_parameter_file};
+pub use exported_correction::ExportedCorrection;
+pub(super) use exported_correction::HeldBackScore;
+pub(super) use parameter_file::may_compensate_current;
+pub use parameter_file::{format_parameter_file, parse_parameter_file};
 pub use parameter_format::{CorrectedTerms, ParameterFormat};
 
 use autoswing::calibration::Calibration;

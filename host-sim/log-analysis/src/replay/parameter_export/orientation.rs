@@ -78,13 +78,11 @@ pub struct TurnedSensor {
 
 impl ExportedOrientation {
     /// The orientation of the log.
-    #[must_use]
     pub fn unchanged() -> Self {
         Self { rotation_from_logged: Matrix3::identity(), parameters: None }
     }
 
     /// The custom rotation that it uses.
-    #[must_use]
     pub const fn custom_rotation(&self) -> Option<CustomRotation> {
         match self.parameters {
             Some(SensorOrientation::Custom(rotation, _)) => Some(rotation),
@@ -126,10 +124,6 @@ impl OrientationKind {
 
 impl OrientationParameters {
     /// Orientation parameters of a compass in a log. `used` are custom rotations that other compasses are given.
-    ///
-    /// # Errors
-    ///
-    /// No parameter of the log, or of this format, orients the compass.
     pub fn from_log(
         flight: &LoggedFlight,
         compass_number: u8,
@@ -173,10 +167,6 @@ impl OrientationParameters {
     }
 
     /// The free custom rotation.
-    ///
-    /// # Errors
-    ///
-    /// No rotation is free, or the firmware has none.
     pub fn custom_rotation(&self) -> Result<CustomRotation, FixedOrientation> {
         self.custom
     }
@@ -241,7 +231,6 @@ fn px4_custom_rotation(flight: &LoggedFlight, index: u8) -> Result<CustomRotatio
 }
 
 /// Roll, pitch and yaw of a rotation in words: `yaw 30 deg`.
-#[must_use]
 pub fn rotation_words(rotation: &Matrix3<f64>) -> String {
     let (roll, pitch, yaw) = Rotation3::from_matrix_unchecked(*rotation).euler_angles();
     let angles =

@@ -123,7 +123,6 @@ fn write_ardupilot_orientation(
 
 /// Whether a file may compensate the current of a compass: `COMPASS_MOTCT` is common to all compasses, and no file changes
 /// it while another one needs the old value.
-#[must_use]
 pub fn may_compensate_current(flight: &LoggedFlight, compass_number: u8, format: ParameterFormat) -> bool {
     const BY_THROTTLE: i32 = 1;
     /// `COMPASS_PMOTn_*`, applied to the first slot alone (`AP_Compass_Backend::correct_field`).

@@ -55,7 +55,6 @@ pub struct ReadingCheck {
 
 impl CheckedMeaning {
     /// Whether parameters are given only if the check passes. The others may lack a place, or a reference.
-    #[must_use]
     pub const fn is_required(self) -> bool {
         matches!(self, Self::Slot | Self::Attitude | Self::Sense | Self::Unit)
     }
@@ -67,7 +66,6 @@ impl CheckOutcome {
     }
 
     /// Stable name of the outcome, for programs.
-    #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::Passed | Self::PassedWith(_) => "passed",
@@ -77,13 +75,11 @@ impl CheckOutcome {
     }
 
     /// Whether the data contradict the reading.
-    #[must_use]
     pub const fn is_failed(&self) -> bool {
         matches!(self, Self::Failed(_))
     }
 
     /// The finding; none if the check passed without one.
-    #[must_use]
     pub fn finding(&self) -> Option<&str> {
         match self {
             Self::Passed => None,

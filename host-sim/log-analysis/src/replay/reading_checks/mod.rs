@@ -21,14 +21,12 @@ use crate::numbers::median;
 const EARTH_FIELD_RANGE_UT: [f64; 2] = [22.0, 67.0];
 
 /// The check that forbids parameters: the first failed one, else the first required one without a pass.
-#[must_use]
 pub fn forbidding_check(checks: &[ReadingCheck]) -> Option<&ReadingCheck> {
     let failed = checks.iter().find(|check| check.outcome.is_failed());
     failed.or_else(|| checks.iter().find(|check| check.meaning.is_required() && check.outcome != CheckOutcome::Passed))
 }
 
 /// Checks the reading of a compass's log by its rows and the fit to them.
-#[must_use]
 pub fn check_reading(
     flight: &LoggedFlight,
     evaluation: &FlightEvaluation,

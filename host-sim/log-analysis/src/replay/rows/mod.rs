@@ -58,7 +58,6 @@ pub struct AttitudeSample {
 
 /// Attitudes at 10 Hz between rows more than 0.15 s apart, as an autopilot sends them to the module. Otherwise rates
 /// are integrated over too long steps and the monitor reports false hard-iron changes.
-#[must_use]
 pub fn attitudes_between(flight: &LoggedFlight, from_s: f64, to_s: f64) -> Vec<AttitudeSample> {
     const PAUSE_SAMPLING_S: f64 = 0.1;
     /// Longest pause that is filled with attitudes, seconds; a longer one is a gap of the log.
@@ -118,7 +117,6 @@ impl RowCounts {
     }
 
     /// Number of rejected rows and the cause, a text for each cause.
-    #[must_use]
     pub fn rejection_texts(&self) -> Vec<String> {
         let rejections_by_cause = self.rejections_by_cause();
         rejections_by_cause
@@ -130,7 +128,6 @@ impl RowCounts {
 }
 
 /// Builds the rows of a compass with a field latency in seconds.
-#[must_use]
 pub fn build_rows(
     flight: &LoggedFlight,
     compass: &LoggedCompass,

@@ -15,13 +15,12 @@ use crate::replay::row::ReplayRow;
 use crate::replay::row_solve::solved_correction;
 use comparison::{Comparison, MIN_ROWS_PER_SIDE, SKIPPED_S};
 
-pub use comparison::{SensorChange, SensorChangeKind};
+pub use comparison::SensorChange;
 
 /// Candidates closer than this are one, seconds.
 const MAX_SAME_TIME_S: f64 = 1.0;
 
 /// Finds the change of the sensor with the most evidence. `initial` is a correction that fits most of the rows.
-#[must_use]
 pub fn find_sensor_change(
     rows: &[ReplayRow],
     initial: &FieldCorrection,

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 
-use super::comparison::kind_of;
+use super::comparison::{SensorChangeKind, kind_of};
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};

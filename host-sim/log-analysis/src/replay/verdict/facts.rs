@@ -14,7 +14,6 @@ use crate::replay::rows::RowCounts;
 
 impl Verdict<'_> {
     /// Facts about a compass, name and value.
-    #[must_use]
     pub fn key_facts(&self, compass: &CompassVerdict<'_>) -> Vec<[String; 2]> {
         let sent_percent = compass.sent_percent();
         let CompassVerdict { evaluation: compass, judgement, parameters, reading_checks, disagreement, .. } = compass;
@@ -155,7 +154,6 @@ pub enum CompassOutcome {
 
 impl CompassOutcome {
     /// Outcome of a compass; none if no module is compared.
-    #[must_use]
     pub fn new(compass: &CompassEvaluation) -> Option<Self> {
         let outcome = match (&compass.module_result.as_ref()?.acceptance, compass.calibration_time_s()) {
             (Err(refusal), _) => Self::Refused(refusal.clone()),

@@ -120,7 +120,6 @@ impl<'a> Verdict<'a> {
     }
 
     /// Judgement of each compass, in sentences.
-    #[must_use]
     pub fn summary_sentences(&self) -> Vec<String> {
         self.compasses_in_use_first().into_iter().map(CompassVerdict::summary_sentence).collect()
     }
@@ -179,7 +178,6 @@ impl CompassVerdict<'_> {
     }
 
     /// The state in a word, or that the compass is unused.
-    #[must_use]
     pub fn state_word(&self) -> &'static str {
         self.state_in_use().map_or("unused", CompassState::state_word)
     }

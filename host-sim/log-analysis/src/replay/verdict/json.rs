@@ -16,7 +16,6 @@ const SCHEMA_VERSION: u32 = 4;
 
 impl Verdict<'_> {
     /// The verdict as a JSON object.
-    #[must_use]
     pub fn json(&self) -> Value {
         let Self { flight, evaluation, .. } = self;
         let [from_s, to_s] = flight.time_range_s();

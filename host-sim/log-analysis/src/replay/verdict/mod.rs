@@ -6,6 +6,5 @@ mod flight_verdict;
 mod json;
 mod judgement;
 
-pub use facts::CompassOutcome;
 pub use flight_verdict::{CompassVerdict, Verdict};
-pub use judgement::{CompassAction, CompassJudgement, CompassState, JudgementReason};
+pub use judgement::{CompassAction, CompassState};

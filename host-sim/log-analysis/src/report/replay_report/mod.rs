@@ -17,7 +17,6 @@ use crate::replay::{HeadingRow, ReferenceHeading, ReplayRow, solved_correction};
 use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
-#[must_use]
 pub fn report_replay(verdict: &Verdict<'_>, log_name: &str, origin: &ReportOrigin) -> Report {
     let evaluation = verdict.evaluation;
     let lines = [

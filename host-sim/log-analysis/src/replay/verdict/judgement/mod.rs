@@ -75,7 +75,6 @@ pub enum JudgementReason {
 
 impl JudgementReason {
     /// Stable code of the reason, for programs.
-    #[must_use]
     pub const fn stable_code(&self) -> &'static str {
         match self {
             Self::SensorFailed(_) => "sensor-failed",
@@ -105,7 +104,6 @@ pub struct CompassJudgement {
 
 impl CompassJudgement {
     /// Judges a compass by its error as logged and the parameters found for it.
-    #[must_use]
     pub fn new(
         compass: &CompassEvaluation,
         accuracy: Result<LoggedAccuracy, UnknownError>,
@@ -163,7 +161,6 @@ impl CompassJudgement {
     }
 
     /// Codes of the reasons.
-    #[must_use]
     pub fn reason_codes(&self) -> Vec<&'static str> {
         self.reasons.iter().map(JudgementReason::stable_code).collect()
     }
