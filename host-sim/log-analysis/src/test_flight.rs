@@ -48,13 +48,8 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
             rates_rad_s: body_rates_rad_s(&euler_rad, &euler_rates_rad_s),
             heading_rad: euler_rad.z.rem_euclid(std::f64::consts::TAU),
             velocity_m_s: [libm::cos(euler_rad.z) * AIRSPEED_M_S, libm::sin(euler_rad.z) * AIRSPEED_M_S],
-            displacement_m: [0.0; 2],
-            current_a: 0.0,
             is_armed: true,
-            flight_mode: 0,
-            outputs: Vec::new(),
-            esc_currents_a: Vec::new(),
-            further_currents_a: Vec::new(),
+            ..FlightSample::default()
         }
     });
     FlightRecording { samples: samples.collect(), ..FlightRecording::with_field_latency(field_latency_s) }

@@ -1,5 +1,6 @@
 //! A logged flight, independent of the log's format.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use autoswing::calibration::Orientation;
@@ -10,7 +11,7 @@ use serde::Serialize;
 use super::compass_slot::{CompassSlot, DeviceId, external_parameter, firmware_version};
 use super::correction::{FieldCorrection, missing_parameters_of_slot};
 use super::correction_residual::CorrectionResidual;
-use super::load::LoggedLoad;
+use super::load::LoadSource;
 use super::mounting::{CustomRotation, NumberedRotation, logged_mounting, mounting_parameters, orientation_parameter};
 use super::time_series::Series;
 use super::vtol_view::VtolView;
@@ -200,12 +201,12 @@ pub struct LoggedFlight {
     pub battery_current: Series<1>,
     /// Whether the logged current is negative, and used by its size.
     pub is_current_negated: bool,
-    /// Outputs, and currents beside that of the first battery.
-    pub loads: Vec<LoggedLoad>,
+    /// Outputs, 0 to 1, and currents beside that of the first battery, amperes.
+    pub loads: BTreeMap<LoadSource, Series<1>>,
     /// Times and armed states at each change; before the first change the aircraft had the opposite state.
     pub armed_changes: Vec<(f64, bool)>,
-    /// Latencies of GPS yaw and of the reference heading that were removed.
-    pub heading_latencies: Vec<HeadingLatency>,
+    /// Latencies of GPS yaw and of the reference heading that were removed: name of the heading, and seconds.
+    pub heading_latencies: Vec<(&'static str, f64)>,
     /// A simulator's true roll, pitch and yaw, radians, for scoring only.
     pub true_attitude: Series<3>,
     /// Logged reference heading, radians, from an arbitrary north.
@@ -385,22 +386,6 @@ pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> 
 pub fn missing_ardupilot_parameters(flight: &LoggedFlight, compass_number: u8) -> Vec<String> {
     let slot = flight.slot_index(compass_number).filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
     slot.map_or_else(Vec::new, |slot| missing_parameters_of_slot(&flight.parameters, slot))
-}
-
-/// Latency of a heading that was removed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HeadingLatency {
-    /// Name of the heading.
-    pub heading_name: &'static str,
-    /// Latency, seconds.
-    pub latency_s: f64,
-}
-
-impl fmt::Display for HeadingLatency {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { heading_name, latency_s } = self;
-        write!(f, "{heading_name} is {:.0} ms late by the body rates; this is allowed for", latency_s * 1e3)
-    }
 }
 
 /// Reason why body rates are not used as logged; displayed as a clause.

@@ -2,7 +2,7 @@
 
 use autoswing::frames::wrap_pi;
 
-use super::flight::{Gps, HeadingLatency, LoggedFlight};
+use super::flight::{Gps, LoggedFlight};
 use super::time_series::Series;
 use crate::numbers::square;
 
@@ -110,7 +110,7 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
         }
     }
     if let Some(latency_s) = heading_latency_s(&gps_yaw, &integral) {
-        flight.heading_latencies.push(HeadingLatency { heading_name: "GPS yaw", latency_s });
+        flight.heading_latencies.push(("GPS yaw", latency_s));
         for row in flight.gps.rows_mut() {
             let yaw = gps_yaw.interpolate_angles(row.t_s + latency_s, MAX_HEADING_GAP_S);
             let yaw_deg = yaw.map_or(f32::NAN, |[yaw_rad]| yaw_rad.to_degrees().rem_euclid(360.0));
@@ -118,7 +118,7 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
         }
     }
     if let Some(latency_s) = heading_latency_s(&flight.reference_heading, &integral) {
-        flight.heading_latencies.push(HeadingLatency { heading_name: "yaw_ref_deg", latency_s });
+        flight.heading_latencies.push(("yaw_ref_deg", latency_s));
         for row in flight.reference_heading.rows_mut() {
             row.t_s -= latency_s;
         }
@@ -211,8 +211,8 @@ mod tests {
             let mut flight = flight_with_late_yaw(latency_s, sign);
             remove_heading_latencies(&mut flight);
             assert_eq!(flight.heading_latencies.len(), usize::from(is_removed), "{latency_s} s, sign {sign}");
-            let Some(latency) = flight.heading_latencies.first() else { continue };
-            assert!((latency.latency_s - latency_s).abs() < 0.02, "{latency_s}: {latency:?}");
+            let Some((_, found_s)) = flight.heading_latencies.first() else { continue };
+            assert!((found_s - latency_s).abs() < 0.02, "{latency_s}: {found_s}");
             let rows = flight.gps.rows();
             let error_deg = |i: usize| {
                 let true_rad = 3.0 * libm::sin(rows[i].t_s * 0.157);

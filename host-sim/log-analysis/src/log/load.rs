@@ -46,15 +46,6 @@ impl LoadSource {
     }
 }
 
-/// A load with its rows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LoggedLoad {
-    /// Source of the load.
-    pub source: LoadSource,
-    /// Current in amperes, or command from 0 to 1.
-    pub values: Series<1>,
-}
-
 /// Loads that a log is read into.
 #[derive(Debug, Default)]
 pub(super) struct LoadRows(BTreeMap<LoadSource, Series<1>>);
@@ -81,18 +72,18 @@ impl LoadRows {
         }
     }
 
-    /// The loads that vary, in their units.
-    pub fn into_loads(self) -> Vec<LoggedLoad> {
-        let loads = self.0.into_iter().map(|(source, mut values)| {
+    /// The loads that vary: currents in amperes, and commands from 0 to 1.
+    pub fn into_loads(mut self) -> BTreeMap<LoadSource, Series<1>> {
+        for (source, values) in &mut self.0 {
             values.sort_and_dedup();
             if source.is_current() {
-                repair_current(&mut values);
+                repair_current(values);
             } else {
-                scale_to_fraction(source, &mut values);
+                scale_to_fraction(*source, values);
             }
-            LoggedLoad { source, values }
-        });
-        loads.filter(|load| varies(&load.values)).collect()
+        }
+        self.0.retain(|_, values| varies(values));
+        self.0
     }
 }
 

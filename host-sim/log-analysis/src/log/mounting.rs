@@ -233,9 +233,7 @@ impl NumberedRotation {
 
     /// Rotation matrix from sensor to body axes: roll, then pitch, then yaw.
     pub fn rotation_matrix(self) -> Matrix3<f64> {
-        let [roll, pitch, yaw] =
-            ROTATION_ANGLES_DEG[usize::from(self.0) % ROTATION_ANGLES_DEG.len()].map(|deg| f64::from(deg).to_radians());
-        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+        matrix_of_angles_deg(ROTATION_ANGLES_DEG[usize::from(self.0) % ROTATION_ANGLES_DEG.len()].map(f64::from))
     }
 
     /// The numbered rotation nearest to a matrix, and the angle between both, degrees.

@@ -75,55 +75,39 @@ fn seconds_from_us(us: u64) -> f64 {
 mod tests {
     use super::*;
 
-    fn placed_times(stamps_s: &[f64]) -> (Vec<Option<f64>>, Timeline) {
-        let mut line = Timeline::default();
-        (stamps_s.iter().map(|stamp_s| line.flight_time_s((stamp_s * 1e6) as u64)).collect(), line)
-    }
+    /// Stamps, times, and numbers of restarts and of rejected stamps.
+    type Case = (&'static [f64], &'static [Option<f64>], (u32, u64));
 
     #[test]
-    fn time_is_the_log_s_clock_and_small_disorder_is_kept() {
-        let (placed, line) = placed_times(&[100.0, 101.0, 100.5, 98.1, 130.0]);
-        for (at_s, expected) in placed.iter().zip([100.0, 101.0, 100.5, 98.1, 130.0]) {
-            assert!((at_s.unwrap() - expected).abs() < 1e-9, "{placed:?}");
+    fn a_clock_is_continued_across_disorder_invalid_stamps_pauses_and_restarts() {
+        let cases: [Case; 8] = [
+            // Small disorder is kept.
+            (
+                &[100.0, 101.0, 100.5, 98.1, 130.0],
+                &[Some(100.0), Some(101.0), Some(100.5), Some(98.1), Some(130.0)],
+                (0, 0),
+            ),
+            // A single implausible stamp is dropped.
+            (&[100.0, 101.0, 5.0, 101.2], &[Some(100.0), Some(101.0), None, Some(101.2)], (0, 1)),
+            (&[100.0, 101.0, 1e6, 101.2], &[Some(100.0), Some(101.0), None, Some(101.2)], (0, 1)),
+            (&[100.0, 101.0, 1.7e9, 101.2], &[Some(100.0), Some(101.0), None, Some(101.2)], (0, 1)),
+            (&[100.0, 101.0, 1e12, 101.2], &[Some(100.0), Some(101.0), None, Some(101.2)], (0, 1)),
+            // PX4's simulator counts from 1970.
+            (&[1.71e9, 1.71e9 + 0.5], &[Some(1.71e9), Some(1.71e9 + 0.5)], (0, 0)),
+            // One stamp alone is no restart.
+            (&[120.0, 120.1, 5.0, 5.1, 5.2], &[Some(120.0), Some(120.1), None, Some(130.1), Some(130.2)], (1, 0)),
+            // A stamp that a second one confirms is not rejected.
+            (&[100.0, 500.0, 500.1, 500.2], &[Some(100.0), None, Some(500.1), Some(500.2)], (0, 0)),
+        ];
+        for (stamps_s, expected_s, counts) in cases {
+            let mut line = Timeline::default();
+            let placed_s: Vec<_> = stamps_s.iter().map(|stamp_s| line.flight_time_s((stamp_s * 1e6) as u64)).collect();
+            let is_near = |(placed_s, expected_s): (&Option<f64>, &Option<f64>)| match (placed_s, expected_s) {
+                (Some(placed_s), Some(expected_s)) => (placed_s - expected_s).abs() < 1e-6,
+                _ => placed_s == expected_s,
+            };
+            assert!(placed_s.iter().zip(expected_s).all(is_near), "{stamps_s:?}: {placed_s:?}");
+            assert_eq!((line.restart_count, line.rejected_stamp_count), counts, "{stamps_s:?}");
         }
-        assert_eq!((line.restart_count, line.rejected_stamp_count), (0, 0));
-    }
-
-    #[test]
-    fn a_single_implausible_stamp_is_dropped() {
-        for wrong_s in [5.0, 1e6, 1.7e9, 1e12] {
-            let (placed, line) = placed_times(&[100.0, 101.0, wrong_s, 101.1, 101.2]);
-            assert_eq!(placed[2], None);
-            assert!((placed[4].unwrap() - 101.2).abs() < 1e-9, "{placed:?}");
-            assert_eq!((line.restart_count, line.rejected_stamp_count), (0, 1));
-        }
-    }
-
-    /// PX4's simulator counts from 1970.
-    #[test]
-    fn a_clock_since_1970_is_one() {
-        let (placed, line) = placed_times(&[1.71e9, 1.71e9 + 0.5]);
-        assert!((placed[1].unwrap() - placed[0].unwrap() - 0.5).abs() < 1e-6, "{placed:?}");
-        assert_eq!(line.rejected_stamp_count, 0);
-    }
-
-    #[test]
-    fn time_continues_ten_seconds_after_a_restart() {
-        let (placed, line) = placed_times(&[100.0, 120.0, 120.1, 5.0, 5.1, 5.2]);
-        assert_eq!(line.restart_count, 1);
-        assert_eq!(placed[3], None, "one stamp alone is no restart");
-        assert!((placed[4].unwrap() - 130.1).abs() < 1e-9 && (placed[5].unwrap() - 130.2).abs() < 1e-9, "{placed:?}");
-    }
-
-    #[test]
-    fn a_pause_of_minutes_is_kept_as_a_pause() {
-        let (placed, line) = placed_times(&[100.0, 500.0, 500.1, 500.2]);
-        assert_eq!(placed[1], None);
-        assert!((placed[3].unwrap() - 500.2).abs() < 1e-9, "{placed:?}");
-        assert_eq!(
-            (line.restart_count, line.rejected_stamp_count),
-            (0, 0),
-            "a stamp that a second one confirms is not rejected"
-        );
     }
 }

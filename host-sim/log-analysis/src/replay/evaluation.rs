@@ -11,13 +11,13 @@ use super::flown_headings::yaw_sectors;
 use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::parameter_export::CorrectedTerms;
 use super::parameter_fit::ParameterFit;
-use super::row_headings::score_rows;
+use super::row_headings::score_field;
 use super::sensor_change::{SensorChange, find_sensor_change};
 use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
 use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
-use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row::ReplayRow;
 use crate::replay::rows::{RowCounts, build_rows};
 
 /// Options of an evaluation.
@@ -171,14 +171,7 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         inclination_deg: evaluation_options.inclination_deg,
         place_and_day: flight.position().zip(flight.flight_date),
     };
-    let inputs = SharedInputs {
-        flight,
-        reference: reference.as_ref(),
-        earth_ut,
-        window_s: evaluation_options.time_window_s,
-        options,
-        has_comparison: evaluation_options.compared_module.is_some(),
-    };
+    let inputs = SharedInputs { flight, reference: reference.as_ref(), earth_ut, evaluation_options, options };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(latencies)
@@ -199,16 +192,15 @@ struct SharedInputs<'a> {
     flight: &'a LoggedFlight,
     reference: Option<&'a ReferenceHeading>,
     earth_ut: Option<f64>,
-    window_s: [f64; 2],
+    evaluation_options: &'a EvaluationOptions,
     options: ReplayOptions,
-    has_comparison: bool,
 }
 
 impl SharedInputs<'_> {
     /// Rows of a compass; those outside the window are not usable.
     fn replay_rows(&self, compass: &LoggedCompass, latency: FieldLatency) -> (Vec<ReplayRow>, RowCounts) {
         let (mut rows, mut row_counts) = build_rows(self.flight, compass, latency.used_s, self.reference);
-        let [from_s, to_s] = self.window_s;
+        let [from_s, to_s] = self.evaluation_options.time_window_s;
         for row in rows.iter_mut().filter(|row| row.is_usable && !(from_s..=to_s).contains(&row.t_s)) {
             row.is_usable = false;
             row_counts.used -= 1;
@@ -233,7 +225,10 @@ impl SharedInputs<'_> {
             Some(_) => ParameterFit::new(&rows, last_change_s, &self.options),
             None => whole_fit,
         };
-        let module_result = self.has_comparison.then(|| replay_rows_of_flight(&rows, Some(self.flight), &self.options));
+        let module_result = self
+            .evaluation_options
+            .compared_module
+            .map(|_| replay_rows_of_flight(&rows, Some(self.flight), &self.options));
         CompassEvaluation {
             compass_number: compass.compass_number,
             is_used_for_heading: compass.is_used_for_heading,
@@ -288,8 +283,7 @@ fn scored_corrections(
     let by = |correction: Option<FieldCorrection>| score_correction(rows, &correction?);
     let mut scores = vec![(CorrectionSource::Uncorrected, by(Some(FieldCorrection::identity())))];
     if compass.correction.is_some() {
-        let logged = score_rows(rows, |row| Some((row.logged_heading_deg(), f64::NAN)));
-        scores.push((CorrectionSource::Autopilot, logged));
+        scores.push((CorrectionSource::Autopilot, score_field(rows, ReplayRow::logged_ut)));
     }
     if let Some(module_result) = module_result {
         let usable = rows.iter().filter(|row| row.is_usable);
@@ -304,7 +298,7 @@ fn scored_corrections(
 /// Heading score of a correction.
 #[must_use]
 pub fn score_correction(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<HeadingScore> {
-    score_rows(rows, |row| Some((heading_deg(row, row.corrected_field(correction)), f64::NAN)))
+    score_field(rows, |row| row.corrected_field(correction))
 }
 
 impl CompassEvaluation {

@@ -115,7 +115,6 @@ fn stuck_intervals(rows: &[ReplayRow], axis: usize) -> impl Iterator<Item = [f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::replay::tests::row_of_field;
 
     /// Rows at 10 Hz with a constant field and ramps of roll and pitch, degrees.
     fn frozen_rows(seconds: u16, roll_deg: f32, pitch_deg: f32) -> Vec<ReplayRow> {
@@ -123,7 +122,7 @@ mod tests {
         let row = |i: u16| {
             let fraction = f32::from(i) / f32::from(last);
             let attitude = RollPitch::from_deg(roll_deg * fraction, pitch_deg * fraction);
-            row_of_field(f64::from(i) / 10.0, Field::from_ut(20.0, 0.0, 40.0), attitude)
+            ReplayRow::of_field(f64::from(i) / 10.0, Field::from_ut(20.0, 0.0, 40.0), attitude)
         };
         (0..=last).map(row).collect()
     }

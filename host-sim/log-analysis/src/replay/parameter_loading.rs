@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::parameter_export::{ParameterFormat, format_parameter_file};
+use super::parameter_export::{ParameterFormat, file_values, format_parameter_file};
 use super::verdict::Verdict;
 use crate::log::LoggedFlight;
 
@@ -64,16 +64,12 @@ impl Verdict<'_> {
 }
 
 fn parameter_changes(text: &str, flight: &LoggedFlight) -> Vec<ParameterChange> {
-    let change = |line: &str| {
-        let cells: Vec<&str> = line.split([',', '\t']).collect();
-        let ([name, new_value] | [_, _, name, new_value, _]) = *cells.as_slice() else { return None };
-        Some(ParameterChange {
-            name: name.to_owned(),
-            logged_value: flight.parameters.last_value(name),
-            new_value: new_value.to_owned(),
-        })
+    let change = |(name, new_value): (&str, &str)| ParameterChange {
+        name: name.to_owned(),
+        logged_value: flight.parameters.last_value(name),
+        new_value: new_value.to_owned(),
     };
-    text.lines().filter(|line| !line.starts_with('#')).filter_map(change).collect()
+    file_values(text).map(change).collect()
 }
 
 /// ArduPilot's parameters in five columns separated by tabs: system, component, name, value, MAVLink type. QGroundControl

@@ -1,5 +1,6 @@
 //! A row of simultaneous data.
 
+use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::{Body, Field, RollPitch, Sensor};
 use nalgebra::{Matrix3, Vector3};
 
@@ -27,6 +28,20 @@ pub struct ReplayRow {
 }
 
 impl ReplayRow {
+    /// Usable row of a field that the autopilot does not correct, without rates, current and reference.
+    pub(super) const fn of_field(t_s: f64, field: Field<Sensor>, attitude: RollPitch) -> Self {
+        Self {
+            t_s,
+            raw_field: field,
+            logged_field: field,
+            attitude,
+            rates_rad_s: None,
+            current_a: None,
+            is_usable: true,
+            reference_deg: None,
+        }
+    }
+
     /// Direction of down, body axes.
     #[must_use]
     pub fn down_in_body(&self) -> Vector3<f64> {
@@ -43,6 +58,12 @@ impl ReplayRow {
     /// Field as the autopilot corrected it, microtesla.
     pub fn logged_ut(&self) -> Vector3<f64> {
         self.logged_field.ut.map(f64::from)
+    }
+
+    /// Rate of the heading by the body rates, rad/s.
+    pub(super) fn heading_rate_rad_s(&self) -> Option<f64> {
+        let rates = BodyRates::from_rad_s(self.rates_rad_s?)?;
+        Some(EulerRates::from_body_rates(rates, self.attitude).heading_rad_s.into())
     }
 
     /// Heading by the field as the autopilot corrected it, degrees.

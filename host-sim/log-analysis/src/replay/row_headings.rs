@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 
 use super::data_loss;
 use super::result::{HeadingRow, HeadingScore};
-use super::row::ReplayRow;
+use super::row::{ReplayRow, heading_deg};
 use super::rows::{self, attitudes_between};
 use crate::log::LoggedFlight;
 use crate::numbers::{mean_angle_deg, median, square};
@@ -155,6 +155,11 @@ pub(super) fn score_rows(
         row_count: errors.len(),
         within_sigmas_percent: within_percent(&normalised),
     })
+}
+
+/// Score of the headings by a field, microtesla, without their uncertainty.
+pub(super) fn score_field(rows: &[ReplayRow], field: impl Fn(&ReplayRow) -> Vector3<f64>) -> Option<HeadingScore> {
+    score_rows(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))
 }
 
 #[cfg(test)]

@@ -184,24 +184,15 @@ pub(super) fn means_by_heading(
     report_samples: &[ReportSample],
     quantity: impl Fn(&ReportSample) -> Option<f64>,
 ) -> Vec<Option<f64>> {
-    let mut sums = [(0.0, 0.0, 0_usize); 24];
-    for report_sample in report_samples.iter().filter(|report_sample| report_sample.is_usable) {
-        let (Some(heading_deg), Some(value)) =
-            (report_sample.heading_deg, quantity(report_sample).filter(|value| value.is_finite()))
-        else {
-            continue;
-        };
+    let mut values_by_sector: [Vec<f64>; 24] = Default::default();
+    for sample in report_samples.iter().filter(|sample| sample.is_usable) {
+        let value = quantity(sample).filter(|value| value.is_finite());
+        let Some((heading_deg, value)) = sample.heading_deg.zip(value) else { continue };
         let sector = (heading_deg / SECTOR_DEG).round().rem_euclid(24.0) as usize;
-        if let Some((sin, cos, value_count)) = sums.get_mut(sector) {
-            let (s, c) = libm::sincos(value.to_radians());
-            (*sin, *cos, *value_count) = (*sin + s, *cos + c, *value_count + 1);
-        }
+        values_by_sector[sector % 24].push(value);
     }
-    sums.iter()
-        .map(|(sin, cos, value_count)| {
-            (*value_count >= MIN_SECTOR_VALUES).then(|| libm::atan2(*sin, *cos).to_degrees())
-        })
-        .collect()
+    let mean = |values: &Vec<f64>| mean_angle_deg(values.iter().copied()).filter(|_| values.len() >= MIN_SECTOR_VALUES);
+    values_by_sector.iter().map(mean).collect()
 }
 
 impl CompassReport {

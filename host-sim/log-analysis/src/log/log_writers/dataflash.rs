@@ -110,7 +110,7 @@ fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[Co
             let (field, motor) = recording.ardupilot_field_ut(sample, compass_number);
             let [x, y, z] = field.map(|axis| axis * 10.0);
             let [mx, my, mz] = motor.map(|axis| axis * 10.0);
-            let [ox, oy, oz] = recording.ardupilot_offsets_mg(compass_number).map(f64::trunc);
+            let [ox, oy, oz] = recording.ardupilot_vector("OFS", compass_number).map(f64::trunc);
             row(4, &[(compass_number - 1) as f64, x, y, z, ox, oy, oz, mx, my, mz, 1.0, 0.0]);
         }
         let [p, q, r] = sample.rates_rad_s;

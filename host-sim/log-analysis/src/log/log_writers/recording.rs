@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 pub(super) const FLIGHT_START_UTC_US: u64 = 1_767_484_800_000_000;
 
 /// Simulated autopilot data at one time.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FlightSample {
     /// Time since start, microseconds.
     pub time_us: u64,
@@ -87,10 +87,10 @@ impl FlightRecording {
         self.parameters.iter().find(|(parameter_name, _)| parameter_name == name).map_or(0.0, |&(_, value)| value)
     }
 
-    /// ArduPilot's offsets of a compass numbered from 1, milligauss.
-    pub(super) fn ardupilot_offsets_mg(&self, compass_number: usize) -> [f64; 3] {
+    /// ArduPilot's parameters `COMPASS_OFS_X`, `_Y` and `_Z` of a compass numbered from 1, or those of another vector.
+    pub(super) fn ardupilot_vector(&self, vector_name: &str, compass_number: usize) -> [f64; 3] {
         let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-        ["X", "Y", "Z"].map(|axis| self.parameter_value(&format!("COMPASS_OFS{index}_{axis}")))
+        ["X", "Y", "Z"].map(|axis| self.parameter_value(&format!("COMPASS_{vector_name}{index}_{axis}")))
     }
 
     /// ArduPilot's logged field of a compass numbered from 1, and the motor-current compensation in it, microtesla;
@@ -101,17 +101,10 @@ impl FlightRecording {
         compass_number: usize,
     ) -> ([f64; 3], [f64; 3]) {
         let index = if compass_number == 1 { String::new() } else { compass_number.to_string() };
-        let vector_parameters = |vector_name: &str| {
-            ["X", "Y", "Z"].map(|axis| self.parameter_value(&format!("COMPASS_{vector_name}{index}_{axis}")))
-        };
         let scale = self.parameter_value(&format!("COMPASS_SCALE{index}"));
         let scale = if scale == 0.0 { 1.0 } else { scale };
-        let (offset, diagonal, off_diagonal, motor) = (
-            self.ardupilot_offsets_mg(compass_number),
-            vector_parameters("DIA"),
-            vector_parameters("ODI"),
-            vector_parameters("MOT"),
-        );
+        let [offset, diagonal, off_diagonal, motor] =
+            ["OFS", "DIA", "ODI", "MOT"].map(|name| self.ardupilot_vector(name, compass_number));
         let raw = sample.field_ut.get(compass_number - 1).copied().unwrap_or_default();
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| (raw[axis] + offset[axis] / 10.0) * scale);
         let soft = if diagonal.iter().all(|axis| axis.abs() < f64::EPSILON) {

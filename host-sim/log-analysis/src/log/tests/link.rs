@@ -13,62 +13,59 @@ fn a_second_autopilot_of_the_same_system_is_reported() {
     let selected = encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS));
     let log_40_s_after_boot = read_bytes(&selected).unwrap();
     assert_eq!(log_40_s_after_boot.autopilot_component_ids, [1]);
-    let mut link_bytes = selected;
-    let beside = MavHeader { system_id: 1, component_id: 2, sequence: 0 };
-    let mut frame = MAVLinkV2MessageRaw::new();
-    frame.serialize_message_data(
-        beside,
-        &HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_PX4, ..Default::default() },
-    );
-    link_bytes.extend([&70_000_000_u64.to_be_bytes(), frame.raw_bytes()].concat());
-    let flight = read_bytes(&link_bytes).unwrap();
+    let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_PX4, ..Default::default() };
+    let flight = read_bytes(&[selected, encode_frame_of((1, 2), 70_000_000, &heartbeat)].concat()).unwrap();
     assert_eq!((flight.autopilot_system_ids, flight.autopilot_component_ids), (vec![1], vec![1, 2]));
     assert_eq!(flight.autopilot, log_40_s_after_boot.autopilot);
 }
 
 #[test]
 fn a_damaged_frame_is_rejected() {
-    let mut bytes = encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS));
+    let mut frames = frames(&encode_tlog(&two_compass_recording(&ARDUPILOT_PARAMETERS)));
     let mut damaged = 0;
-    let mut frame_offset = 0;
-    while frame_offset + 20 < bytes.len() {
-        let is_plausible_attitude = bytes[frame_offset + 15..frame_offset + 18] == [30, 0, 0];
-        if is_plausible_attitude && frame_offset % 3 == 0 {
-            // Damages the exponent of the roll angle.
-            bytes[frame_offset + 18 + 7] ^= 0x20;
-            damaged += 1;
-        }
-        frame_offset += 8 + 10 + usize::from(bytes[frame_offset + 9]) + 2;
+    // The message id of an attitude is 30.
+    for frame in frames.iter_mut().filter(|frame| frame[15..18] == [30, 0, 0]).step_by(3) {
+        // Damages the exponent of the roll angle.
+        frame[18 + 7] ^= 0x20;
+        damaged += 1;
     }
-    let flight = read_bytes(&bytes).unwrap();
+    let flight = read_bytes(&frames.concat()).unwrap();
     assert!(damaged > 50);
     assert!(flight.attitude.rows().len() <= 300 - damaged, "{} of 300, {damaged}", flight.attitude.rows().len());
 }
 
+/// Frames of a log, each with eight bytes of the receiver's clock, ten of the header, and two of the checksum.
+fn frames(bytes: &[u8]) -> Vec<Vec<u8>> {
+    let mut remaining = bytes;
+    let next_frame = || {
+        let (frame, next) = remaining.split_at(8 + 10 + usize::from(*remaining.get(9)?) + 2);
+        remaining = next;
+        Some(frame.to_vec())
+    };
+    std::iter::from_fn(next_frame).collect()
+}
+
 fn with_system_id(bytes: &[u8], system: u8) -> Vec<u8> {
     use mavlink_dialect::Message as _;
-    let (mut renumbered_bytes, mut remaining) = (Vec::new(), bytes);
-    while remaining.len() > 20 {
-        let frame_end = 8 + 10 + usize::from(remaining[9]);
-        let mut frame = remaining[..frame_end].to_vec();
+    let renumbered = |mut frame: Vec<u8>| {
+        frame.truncate(frame.len() - 2);
         frame[13] = system;
-        let extra = mavlink_dialect::MavMessage::extra_crc(u32::from_le_bytes([
-            remaining[15],
-            remaining[16],
-            remaining[17],
-            0,
-        ]));
+        let extra = mavlink_dialect::MavMessage::extra_crc(u32::from_le_bytes([frame[15], frame[16], frame[17], 0]));
         frame.extend(mavlink_dialect::calculate_crc(&frame[9..], extra).to_le_bytes());
-        renumbered_bytes.extend(frame);
-        remaining = &remaining[frame_end + 2..];
-    }
-    renumbered_bytes
+        frame
+    };
+    frames(bytes).into_iter().flat_map(renumbered).collect()
+}
+
+/// A message of a system and component.
+fn encode_frame_of<M: MessageData>((system_id, component_id): (u32, u8), at_us: u64, message: &M) -> Vec<u8> {
+    let mut frame = MAVLinkV2MessageRaw::new();
+    frame.serialize_message_data(MavHeader { system_id, component_id, sequence: 0 }, message);
+    [&at_us.to_be_bytes(), frame.raw_bytes()].concat()
 }
 
 fn encode_logged_frame<M: MessageData>(at_us: u64, message: &M) -> Vec<u8> {
-    let mut frame = MAVLinkV2MessageRaw::new();
-    frame.serialize_message_data(MavHeader { system_id: 1, component_id: 1, sequence: 0 }, message);
-    [&at_us.to_be_bytes(), frame.raw_bytes()].concat()
+    encode_frame_of((1, 1), at_us, message)
 }
 
 /// A heartbeat, and an attitude 40 s after boot.
@@ -82,12 +79,7 @@ fn log_40_s_after_boot(autopilot: MavAutopilot) -> Vec<u8> {
 #[test]
 fn parameters_before_the_first_heartbeat_are_read() {
     let parameter = PARAM_VALUE_DATA { param_id: "COMPASS_OFS_X".into(), param_value: 90.0, ..Default::default() };
-    let mut other = MAVLinkV2MessageRaw::new();
-    other.serialize_message_data(
-        MavHeader { system_id: 2, component_id: 1, sequence: 0 },
-        &PARAM_VALUE_DATA { param_value: -300.0, ..parameter.clone() },
-    );
-    let other = [&0_u64.to_be_bytes(), other.raw_bytes()].concat();
+    let other = encode_frame_of((2, 1), 0, &PARAM_VALUE_DATA { param_value: -300.0, ..parameter.clone() });
     let field = RAW_IMU_DATA { time_usec: 40_000_000, xmag: 200, zmag: 400, ..Default::default() };
     let started = log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA);
     let bytes = [encode_logged_frame(0, &parameter), other, started, encode_logged_frame(0, &field)].concat();
@@ -254,16 +246,6 @@ fn unix_times_are_not_used_as_time_since_boot() {
 /// Two vehicles on one link, preceded by a ground station that reports a generic autopilot.
 #[test]
 fn the_requested_vehicle_is_read() {
-    let frames = |bytes: &[u8]| {
-        let mut remaining = bytes;
-        std::iter::from_fn(move || {
-            let frame_end = 8 + 10 + usize::from(*remaining.get(9)?) + 2;
-            let (frame, next) = remaining.split_at(frame_end);
-            remaining = next;
-            Some(frame.to_vec())
-        })
-        .collect::<Vec<_>>()
-    };
     let mut other_recording = two_compass_recording(&[]);
     other_recording.samples.iter_mut().for_each(|sample| sample.field_ut[0] = [1.0, 2.0, 3.0]);
     let [one, two] =
@@ -298,10 +280,7 @@ fn the_requested_vehicle_is_read() {
 /// A gimbal may report itself as an autopilot.
 #[test]
 fn a_gimbal_is_not_a_second_vehicle() {
-    let mut frame = MAVLinkV2MessageRaw::new();
     let heartbeat = HEARTBEAT_DATA { autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC, ..Default::default() };
-    frame.serialize_message_data(MavHeader { system_id: 1, component_id: 154, sequence: 0 }, &heartbeat);
-    let gimbal_frame = [&0_u64.to_be_bytes(), frame.raw_bytes()].concat();
-    let flight = read_bytes(&[started_px4_log(), gimbal_frame].concat()).unwrap();
+    let flight = read_bytes(&[started_px4_log(), encode_frame_of((1, 154), 0, &heartbeat)].concat()).unwrap();
     assert_eq!((flight.autopilot_system_ids, flight.skipped_counts.other_system_messages), (vec![1], 1));
 }

@@ -77,22 +77,16 @@ fn two_compass_recording(parameters: &[(&str, f64)]) -> FlightRecording {
             rates_rad_s: [0.1, -0.2, 0.3],
             heading_rad: yaw,
             velocity_m_s: [-9.0, -12.0],
-            displacement_m: [0.0; 2],
             current_a: 10.0 + t_s / 10.0,
             is_armed: true,
-            flight_mode: 0,
-            outputs: Vec::new(),
-            esc_currents_a: Vec::new(),
-            further_currents_a: Vec::new(),
+            ..FlightSample::default()
         }
     });
     FlightRecording {
         samples: instants.collect(),
         parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
         start_position: Some([48.0, 11.3, 500.0]),
-        declination_deg: 0.0,
-        is_copter: false,
-        field_latency_s: 0.0,
+        ..FlightRecording::default()
     }
 }
 
@@ -352,9 +346,9 @@ fn loads_are_read_from_each_format_that_logs_them() {
     {
         let flight = read_bytes(&bytes).unwrap();
         assert_eq!(flight.loads.len(), expected.len(), "{:?}: {:?}", flight.log_format, flight.loads.len());
-        for (load, (source, first)) in flight.loads.iter().zip(expected) {
-            let [value] = load.values.interpolate(60.0, 1.0).unwrap();
-            assert_eq!(load.source, source, "{:?}", flight.log_format);
+        for ((found, values), (source, first)) in flight.loads.iter().zip(expected) {
+            let [value] = values.interpolate(60.0, 1.0).unwrap();
+            assert_eq!(*found, source, "{:?}", flight.log_format);
             assert!((f64::from(value) - first - 0.5).abs() < 0.05, "{:?} {source:?}: {value}", flight.log_format);
         }
     }

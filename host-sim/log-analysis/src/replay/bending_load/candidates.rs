@@ -39,7 +39,7 @@ impl LoadCandidate {
 /// All loads, and pairs and groups of loads of one kind.
 pub(super) fn load_candidates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Vec<LoadCandidate> {
     let battery = (LoadSource::Battery(1), &flight.battery_current);
-    let logged = flight.loads.iter().map(|load| (load.source, &load.values));
+    let logged = flight.loads.iter().map(|(source, values)| (*source, values));
     let single: Vec<(LoadSource, Vec<f64>)> = std::iter::once(battery)
         .chain(logged)
         .filter_map(|(source, values)| Some((source, values_at_rows(values, rows)?)))

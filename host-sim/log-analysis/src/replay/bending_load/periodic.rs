@@ -2,7 +2,6 @@
 
 use std::f64::consts::TAU;
 
-use autoswing::attitude::{BodyRates, EulerRates};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::numbers::median;
@@ -191,7 +190,7 @@ fn line_sigmas(powers: &[f64], at: usize, freedom: f64) -> f64 {
 /// Signals of the aircraft's motion: attitude, turn rate, and four harmonics of the heading by the body rates, since the
 /// field's own heading contains the load. None without body rates.
 fn motion_signals(rows: &[ReplayRow]) -> Option<Vec<Vec<f64>>> {
-    let turn_rates: Vec<f64> = rows.iter().map(turn_rate_rad_s).collect::<Option<_>>()?;
+    let turn_rates: Vec<f64> = rows.iter().map(ReplayRow::heading_rate_rad_s).collect::<Option<_>>()?;
     let mut heading_rad = 0.0;
     let mut last_s = rows.first()?.t_s;
     let headings_rad: Vec<f64> = rows
@@ -213,11 +212,6 @@ fn motion_signals(rows: &[ReplayRow]) -> Option<Vec<Vec<f64>>> {
         signals.push(headings_rad.iter().map(|heading_rad| libm::sin(phase(heading_rad))).collect());
     }
     Some(signals)
-}
-
-fn turn_rate_rad_s(row: &ReplayRow) -> Option<f64> {
-    let rates = BodyRates::from_rad_s(row.rates_rad_s?)?;
-    Some(EulerRates::from_body_rates(rates, row.attitude).heading_rad_s.into())
 }
 
 /// Powers of a signal around a frequency, and the index of the largest next to it.

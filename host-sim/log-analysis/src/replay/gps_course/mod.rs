@@ -399,16 +399,12 @@ impl NoseHeadings {
     fn is_straight(&self, t_s: f64) -> bool {
         let from = self.banked_times_s.partition_point(|at_s| *at_s < t_s - MIN_STRAIGHT_S);
         let is_banked = self.banked_times_s.get(from).is_some_and(|at_s| *at_s <= t_s + MIN_STRAIGHT_S);
-        let nose = |by_s: f64| self.integrated_heading_rad(t_s + by_s);
+        let nose = |by_s: f64| self.integral.heading_rad(t_s + by_s);
         let (Some(before), Some(now), Some(after)) = (nose(-MIN_STRAIGHT_S), nose(0.0), nose(MIN_STRAIGHT_S)) else {
             return false;
         };
         let max_turn_rad = (MAX_TURN_RATE_DEG_S * MIN_STRAIGHT_S).to_radians();
         !is_banked && (now - before).abs() < max_turn_rad && (after - now).abs() < max_turn_rad
-    }
-
-    fn integrated_heading_rad(&self, t_s: f64) -> Option<f64> {
-        self.integral.heading_rad(t_s)
     }
 
     /// Whether the nose turned as the air velocity did, over all turns.
@@ -433,10 +429,8 @@ impl NoseHeadings {
                 .windows(2)
                 .map(|pair| f64::from(wrap_pi((circle.heading_rad(&pair[1]) - circle.heading_rad(&pair[0])) as f32)))
                 .sum();
-            let nose = self
-                .integrated_heading_rad(velocity.t_s)
-                .zip(self.integrated_heading_rad(velocities[first].t_s))
-                .map(|(to, from)| to - from);
+            let heading_rad = |velocity: &GroundVelocity| self.integral.heading_rad(velocity.t_s);
+            let nose = heading_rad(velocity).zip(heading_rad(&velocities[first])).map(|(to, from)| to - from);
             first = i;
             let Some(nose) = nose else { continue };
             let larger_turn_rad = course.abs().max(nose.abs());

@@ -65,7 +65,6 @@ fn a_step_that_did_not_turn_the_heading_is_no_change() {
     use autoswing::frames::{Field, Level, RollPitch};
 
     use crate::log::LoggedFlight;
-    use crate::replay::tests::row_of_field;
     use crate::test_flight::flight_of_motion;
 
     let heading_rad = |t_s: f64| (0.3 * t_s.min(30.0)) as f32;
@@ -79,7 +78,7 @@ fn a_step_that_did_not_turn_the_heading_is_no_change() {
             let earth = Field::<Level>::earth_field(50.0, 60_f32.to_radians(), heading_rad(t_s)).ut;
             let field = earth + if t_s >= 35.0 { Vector3::from(step_ut) } else { Vector3::zeros() };
             let reference_deg = has_reference.then(|| f64::from(heading_rad(t_s).to_degrees()));
-            ReplayRow { reference_deg, ..row_of_field(t_s, Field::new(field), RollPitch::default()) }
+            ReplayRow { reference_deg, ..ReplayRow::of_field(t_s, Field::new(field), RollPitch::default()) }
         };
         (0..600).map(row).collect()
     };

@@ -5,7 +5,6 @@
 //! integrated heading rate, equals that of the second after it. The difference observes all three components of a jump
 //! even on a single heading, where field strength and vertical component do not show the component across the heading.
 
-use autoswing::attitude::{BodyRates, EulerRates};
 use autoswing::frames::RollPitch;
 use nalgebra::{Rotation3, Vector3};
 
@@ -164,7 +163,8 @@ impl<'a> JumpSearch<'a> {
         for (i, row) in rows.iter().enumerate() {
             if let Some(before) = i.checked_sub(1).map(|before| rows[before]) {
                 let step_s = row.t_s - before.t_s;
-                heading_rad += step_s * (heading_rate_rad_s(before) + heading_rate_rad_s(row)) / 2.0;
+                let rates = [before, row].map(|row| row.heading_rate_rad_s().unwrap_or(0.0));
+                heading_rad += step_s * (rates[0] + rates[1]) / 2.0;
                 turned += step_s * (rotation_rate_rad_s(before) + rotation_rate_rad_s(row)) / 2.0;
             }
             let RollPitch { roll_rad, pitch_rad } = row.attitude;
@@ -346,11 +346,6 @@ impl<'a> JumpSearch<'a> {
 /// Absolute residuals of strength and vertical component of a row's corrected field, microtesla.
 pub fn absolute_residuals_ut(row: &ReplayRow, field: &Vector3<f64>, [strength_ut, vertical_ut]: &[f64; 2]) -> [f64; 2] {
     [field.norm() - strength_ut, row.down_in_body().dot(field) - vertical_ut].map(f64::abs)
-}
-
-fn heading_rate_rad_s(row: &ReplayRow) -> f64 {
-    let rates = row.rates_rad_s.and_then(BodyRates::from_rad_s);
-    rates.map_or(0.0, |rates| EulerRates::from_body_rates(rates, row.attitude).heading_rad_s.into())
 }
 
 fn rotation_rate_rad_s(row: &ReplayRow) -> f64 {

@@ -4,7 +4,6 @@ use autoswing::frames::{Field, RollPitch};
 use testkit::random::Random;
 
 use super::*;
-use crate::replay::tests::row_of_field;
 use crate::test_flight::body_rates_rad_s;
 
 /// Strength, microtesla, and inclination, degrees, of the Earth's field.
@@ -18,7 +17,7 @@ fn row_in_turn(t_s: f64, attitude: RollPitch, heading_rad: f32, turn_rad_s: f32)
     let [roll_rad, pitch_rad] = [attitude.roll_rad, attitude.pitch_rad].map(f64::from);
     let rates_rad_s =
         body_rates_rad_s(&Vector3::new(roll_rad, pitch_rad, 0.0), &Vector3::new(0.0, 0.0, turn_rad_s.into()));
-    ReplayRow { rates_rad_s: Some(rates_rad_s.map(|rate| rate as f32)), ..row_of_field(t_s, field, attitude) }
+    ReplayRow { rates_rad_s: Some(rates_rad_s.map(|rate| rate as f32)), ..ReplayRow::of_field(t_s, field, attitude) }
 }
 
 /// 180 s at 10 Hz with a bank of `bank_deg`, turning at a rate, deg/s, of each row, with noise.

@@ -6,7 +6,6 @@ use testkit::random::Random;
 
 use super::*;
 use crate::numbers::square;
-use crate::replay::tests::row_of_field;
 
 /// First row after the step, of 1800, midway between two candidate times.
 const FIRST_ROW_AFTER_STEP: u16 = 1007;
@@ -36,7 +35,7 @@ impl SteppedFlight {
             let noise = Vector3::from_fn(|_, _| random.normal() * self.noise_ut);
             let (step_ut, current_a) = if is_after { (self.step_ut, 30.0) } else { (Vector3::zeros(), 10.0) };
             let field = Field::new(earth + noise + step_ut + self.motor_ut_per_a * current_a);
-            ReplayRow { current_a: Some(current_a), ..row_of_field(f64::from(i) / 10.0, field, attitude) }
+            ReplayRow { current_a: Some(current_a), ..ReplayRow::of_field(f64::from(i) / 10.0, field, attitude) }
         };
         (0..1800).map(row_at).collect()
     }

@@ -179,8 +179,9 @@ fn warnings_of_references(flight: &LoggedFlight, evaluation: &FlightEvaluation) 
         "no current is logged: motor-current interference is neither estimated nor part of the expected error",
     );
     add_if(flight.is_current_negated, "the current is negative throughout; its size is used");
-    for latency in &flight.heading_latencies {
-        add_if(true, &latency.to_string());
+    for (name, latency_s) in &flight.heading_latencies {
+        let text = format!("{name} is {:.0} ms late by the body rates; this is allowed for", latency_s * 1e3);
+        add_if(true, &text);
     }
     let view = match flight.attitude_view {
         AttitudeView::BodyForVtol(message) => message,

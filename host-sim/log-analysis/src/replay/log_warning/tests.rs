@@ -2,7 +2,6 @@ use super::*;
 use crate::log::time_series::Series;
 use crate::log::{ParameterHistory, RatesProblem};
 use crate::replay::field_latency::FieldLatency;
-use crate::replay::parameter_export::CorrectedTerms;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
 
 type FlightChange = fn(&mut LoggedFlight);
@@ -16,14 +15,7 @@ fn warnings_after(change: FlightChange) -> Vec<String> {
     flight.body_rates.push_row(0.0, [0.0; 3]);
     flight.battery_current.push_row(0.0, [10.0]);
     change(&mut flight);
-    let evaluation = FlightEvaluation {
-        compasses: Vec::new(),
-        reference: None,
-        earth_field: None,
-        given_inclination_deg: None,
-        corrected_terms: CorrectedTerms::All,
-        attitude_interval_s: 0.1,
-    };
+    let evaluation = FlightEvaluation { reference: None, ..evaluation_of_compasses(Vec::new()) };
     warnings_of_flight(&flight, &evaluation)
 }
 

@@ -118,8 +118,7 @@ pub fn logged_accuracy(
 fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
     evaluation.reference.as_ref().and_then(ReferenceHeading::sigma_if_accurate_deg)?;
     let sectors: HeadingSectors = rows.iter().filter_map(|row| row.reference_deg).collect();
-    let logged = |row: &ReplayRow| Some((row.logged_heading_deg(), f64::NAN));
-    let score = row_headings::score_rows(rows, logged).filter(|_| sectors.are_judged())?;
+    let score = row_headings::score_field(rows, ReplayRow::logged_ut).filter(|_| sectors.are_judged())?;
     let sector_count = sectors.flown_count();
     Some(LoggedAccuracy { rms_deg: score.rms_deg, sector_count, evidence: AccuracyEvidence::Reference })
 }

@@ -8,7 +8,6 @@ mod orientation_proof;
 pub use orientation_proof::provable_orientation;
 
 use autoswing::calibration::{Calibration, Solution};
-use nalgebra::Vector3;
 
 use super::evaluation::CompassEvaluation;
 use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
@@ -19,7 +18,7 @@ use super::parameter_export::{
 };
 use super::parameter_fit::{CompassFit, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
-use super::row_headings::{heading_scatter, rms_deg_by_scatter, score_rows};
+use super::row_headings::{heading_scatter, rms_deg_by_scatter, score_field};
 use super::row_solve::solved_correction;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
@@ -290,17 +289,13 @@ fn score_held_back(
     let field = |row: &ReplayRow| if half_index_at(row.t_s) == 0 { second(row) } else { first(row) };
     let logged = ReplayRow::logged_ut;
     let [rms_deg, as_logged_rms_deg] = if has_reference {
-        let rms = |field: &dyn Fn(&ReplayRow) -> Vector3<f64>| {
-            Some(score_rows(rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg)
-        };
-        [rms(&field)?, rms(&logged)?]
+        [score_field(rows, field)?.rms_deg, score_field(rows, logged)?.rms_deg]
     } else {
         let lost_rows: Vec<ReplayRow> = rows
             .iter()
             .map(|row| ReplayRow { reference_deg: Some(heading_deg(row, full_field(row))), ..*row })
             .collect();
-        let inexpressible_error_deg =
-            score_rows(&lost_rows, |row| Some((heading_deg(row, field(row)), f64::NAN)))?.rms_deg;
+        let inexpressible_error_deg = score_field(&lost_rows, field)?.rms_deg;
         [libm::hypot(rms_deg_by_scatter(rows, &full_field), inexpressible_error_deg), rms_deg_by_scatter(rows, &logged)]
     };
     let [field_scatter_deg, _] = heading_scatter(rows, &full_field);

@@ -3,13 +3,13 @@
 use autoswing::calibration::{BankScaleFinding, DetectedHardIronChange, Finding, HardIronTimeCourse, Orientation};
 use autoswing::frames::Field;
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::super::parameter_fit::ParameterFit;
 use super::super::result::{ReplayOptions, RowSelection};
 use super::*;
 use crate::log::LogFormat;
-use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_of, level_row};
+use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_inputs, export_of, level_row};
 
 /// Verified parameters with a heading error and a loss by the symmetric matrix, degrees, of a compass with an error as
 /// logged.
@@ -130,14 +130,7 @@ fn each_half_is_scored_with_the_parameters_of_the_other() {
             .iter()
             .map(|row| ReplayRow { reference_deg: row.reference_deg.filter(|_| has_reference), ..*row })
             .collect();
-        let inputs = ExportInputs {
-            compass_number: 1,
-            rows: &rows,
-            total_ut: None,
-            format: ParameterFormat::ArduPilot,
-            orientation: Err(FixedOrientation::NotLogged),
-            terms: CorrectedTerms::All,
-        };
+        let inputs = export_inputs(&rows, ParameterFormat::ArduPilot);
         score_held_back(&flight, &inputs, &halves, &corrections, has_reference).unwrap()
     };
     let error_deg = (0.5 / LEVEL_ROW_FIELD_UT[0]).to_degrees();
@@ -212,14 +205,7 @@ fn a_sensor_turned_by_right_angles_is_fitted_in_its_mounting() {
         let fit = ParameterFit::new(&rows, None, &ReplayOptions::with_selection(RowSelection::All));
         let fit = fit.fit.unwrap();
         assert_eq!(fit.mount, mount);
-        let inputs = ExportInputs {
-            compass_number: 1,
-            rows: &rows,
-            total_ut: None,
-            format: ParameterFormat::Inav,
-            orientation: Err(FixedOrientation::NotLogged),
-            terms: CorrectedTerms::All,
-        };
+        let inputs = export_inputs(&rows, ParameterFormat::Inav);
         let candidate = ParameterCandidate::new(&flight, &inputs, &fit, &fit.fits_of_halves(&rows), true).unwrap();
         // INAV's matrix is diagonal.
         let rms_deg = candidate.held_back.rms_deg;

@@ -8,7 +8,7 @@ mod symmetric_fit;
 
 pub use exported_correction::ExportedCorrection;
 pub(super) use exported_correction::HeldBackScore;
-pub(super) use parameter_file::may_compensate_current;
+pub(super) use parameter_file::{file_values, may_compensate_current};
 pub use parameter_file::{format_parameter_file, parse_parameter_file};
 pub use parameter_format::{CorrectedTerms, ParameterFormat};
 

@@ -222,14 +222,21 @@ fn write_inav_parameters(text: &mut String, exports: &[SlottedCorrection<'_>]) -
 #[must_use]
 pub fn parse_parameter_file(text: &str, base_parameters: &ParameterHistory) -> ParameterHistory {
     let mut parameters = base_parameters.clone();
-    for line in text.lines().filter(|line| !line.starts_with('#')) {
-        let cells: Vec<&str> = line.split([',', '\t']).collect();
-        let ([name, value] | [_, _, name, value, _]) = *cells.as_slice() else { continue };
+    for (name, value) in file_values(text) {
         if let Ok(value) = value.parse() {
             parameters.set_value(f64::MAX, name, value);
         }
     }
     parameters
+}
+
+/// Names and values of the parameters in a file.
+pub(in crate::replay) fn file_values(text: &str) -> impl Iterator<Item = (&str, &str)> {
+    text.lines().filter(|line| !line.starts_with('#')).filter_map(|line| {
+        let cells: Vec<&str> = line.split([',', '\t']).collect();
+        let ([name, value] | [_, _, name, value, _]) = *cells.as_slice() else { return None };
+        Some((name, value))
+    })
 }
 
 /// Rotation from the logged body axes to those of the body, and the correction after it, as the autopilot reads them from

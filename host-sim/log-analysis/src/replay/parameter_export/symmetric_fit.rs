@@ -151,16 +151,7 @@ impl SymmetricFit<'_> {
                         Field::<Level>::earth_field(*total_ut, *inclination_rad, heading_deg.to_radians());
                     let field = inverse * attitude.to_body_frame(level_field).ut.map(f64::from) + constant_ut;
                     let field = Field::new((self.mounting * field).map(|axis| axis as f32));
-                    let row = ReplayRow {
-                        t_s: 0.0,
-                        raw_field: field,
-                        logged_field: field,
-                        attitude,
-                        rates_rad_s: None,
-                        current_a: Some(current_a),
-                        is_usable: true,
-                        reference_deg: None,
-                    };
+                    let row = ReplayRow { current_a: Some(current_a), ..ReplayRow::of_field(0.0, field, attitude) };
                     rows.push(FittedRow { row, heading_deg: f64::from(heading_deg), root_weight: 1.0 });
                 }
             }

@@ -8,7 +8,7 @@ use crate::replay::flown_headings::HeadingSectors;
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::result::HeadingScore;
 use crate::replay::row::ReplayRow;
-use crate::replay::row_headings::score_rows;
+use crate::replay::row_headings::score_field;
 use crate::score::wrap_180;
 
 /// Largest mean error against true north that is not mentioned, degrees: a declination of another year, or a mounting by
@@ -43,8 +43,7 @@ pub(super) fn check_north(
     let max_error_deg = if is_true_north { MAX_MEAN_ERROR_DEG } else { MAX_MEAN_ERROR_OF_OTHERS_DEG };
     let declination_deg = evaluation.earth_field.as_ref().and_then(|(earth, _)| earth.declination_deg);
     let mean_deg = |score: &HeadingScore| wrap_180(score.mean_deg + declination_deg.map_or(0.0, f64::from));
-    let as_logged = score_rows(rows, |row| Some((row.logged_heading_deg(), f64::NAN)))
-        .filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
+    let as_logged = score_field(rows, ReplayRow::logged_ut).filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
     let with_fit = correction.and_then(|correction| score_correction(rows, correction));
     // A fit replaces the orientation in use.
     let scores = [(with_fit, "with the fit"), (as_logged, "as logged")];

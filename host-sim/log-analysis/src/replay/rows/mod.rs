@@ -103,8 +103,9 @@ pub struct RowCounts {
 }
 
 impl RowCounts {
-    const fn rejections_by_cause(&self) -> [(usize, &'static str); 8] {
-        [
+    /// Number of rejected rows and the cause, a text for each cause.
+    pub fn rejection_texts(&self) -> Vec<String> {
+        let rejections_by_cause = [
             (self.disarmed, "disarmed"),
             (self.on_the_ground, "on the ground"),
             (self.without_attitude, "without an attitude near it"),
@@ -113,17 +114,9 @@ impl RowCounts {
             (self.spikes, "spikes"),
             (self.off_simulator, "while the attitude differs from the simulator's by over 5 deg"),
             (self.excluded, "excluded by the log or outside the chosen time"),
-        ]
-    }
-
-    /// Number of rejected rows and the cause, a text for each cause.
-    pub fn rejection_texts(&self) -> Vec<String> {
-        let rejections_by_cause = self.rejections_by_cause();
-        rejections_by_cause
-            .iter()
-            .filter(|(row_count, _)| *row_count > 0)
-            .map(|(row_count, reason)| format!("{row_count} {reason}"))
-            .collect()
+        ];
+        let rejections = rejections_by_cause.iter().filter(|(row_count, _)| *row_count > 0);
+        rejections.map(|(row_count, reason)| format!("{row_count} {reason}")).collect()
     }
 }
 

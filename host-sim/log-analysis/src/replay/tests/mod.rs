@@ -7,12 +7,12 @@ use std::sync::LazyLock;
 
 use autoswing::calibration::SolveError;
 use autoswing::earth::{Date, EarthField, Position};
-use autoswing::frames::{Field, Level, RollPitch, Sensor};
+use autoswing::frames::{Field, Level, RollPitch};
 use autoswing_module::messages::Refusal;
 
 use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, evaluate_flight};
-use super::parameter_export::ExportedCorrection;
-use super::parameter_export::orientation::ExportedOrientation;
+use super::parameter_export::orientation::{ExportedOrientation, FixedOrientation};
+use super::parameter_export::{CorrectedTerms, ExportInputs, ExportedCorrection, ParameterFormat};
 use super::*;
 use crate::log::csv::FieldUnit;
 use crate::log::log_writers::{FlightRecording, encode_dataflash};
@@ -67,20 +67,18 @@ pub(super) const LEVEL_ROW_FIELD_UT: [f64; 2] = [25.0, 50.0];
 /// Usable row of level flight on a heading, with an undisturbed field.
 pub(super) fn level_row(t_s: f64, heading_deg: f64) -> ReplayRow {
     let field = Field::<Level>::earth_field(50.0, 60_f32.to_radians(), heading_deg.to_radians() as f32).ut;
-    ReplayRow { reference_deg: Some(heading_deg), ..row_of_field(t_s, Field::new(field), RollPitch::default()) }
+    ReplayRow { reference_deg: Some(heading_deg), ..ReplayRow::of_field(t_s, Field::new(field), RollPitch::default()) }
 }
 
-/// Usable row of a field that the autopilot does not correct.
-pub(super) fn row_of_field(t_s: f64, field: Field<Sensor>, attitude: RollPitch) -> ReplayRow {
-    ReplayRow {
-        t_s,
-        raw_field: field,
-        logged_field: field,
-        attitude,
-        rates_rad_s: None,
-        current_a: None,
-        is_usable: true,
-        reference_deg: None,
+/// Inputs of an export of compass 1 with all terms, whose orientation is not in the log.
+pub(super) const fn export_inputs(rows: &[ReplayRow], format: ParameterFormat) -> ExportInputs<'_> {
+    ExportInputs {
+        compass_number: 1,
+        rows,
+        total_ut: None,
+        format,
+        orientation: Err(FixedOrientation::NotLogged),
+        terms: CorrectedTerms::All,
     }
 }
 

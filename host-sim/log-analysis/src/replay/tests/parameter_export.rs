@@ -7,22 +7,13 @@ use crate::log::CustomRotation;
 use crate::numbers::square;
 use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
 use crate::replay::parameter_export::{
-    CorrectedTerms, ExportInputs, HeldBackScore, ParameterFormat, field_by_exported_parameters, format_parameter_file,
-    may_compensate_current,
+    HeldBackScore, field_by_exported_parameters, format_parameter_file, may_compensate_current,
 };
 use crate::score::wrap_180;
 
 fn export_module(compass: &CompassEvaluation, format: ParameterFormat) -> ExportedCorrection {
     let calibration = &compass.parameter_fit.solution().unwrap().calibration;
-    let inputs = ExportInputs {
-        compass_number: compass.compass_number,
-        rows: &compass.rows,
-        total_ut: None,
-        format,
-        orientation: Err(FixedOrientation::NotLogged),
-        terms: CorrectedTerms::All,
-    };
-    inputs.export_simplest(calibration).unwrap().1
+    export_inputs(&compass.rows, format).export_simplest(calibration).unwrap().1
 }
 
 fn set_coefficients(calibration: &mut Calibration, matrix: &Matrix3<f64>, hard_iron_ut: &Vector3<f64>) {
@@ -158,14 +149,8 @@ fn export_of_turned(
         row.raw_field = Field::new((raw + hard_iron_ut + motor_ut_per_a * current_a).map(|axis| axis as f32));
         (row.current_a, row.reference_deg) = (Some(current_a as f32), Some(f64::from(heading_deg)));
     }
-    let inputs = ExportInputs {
-        compass_number: 1,
-        rows: &compass.rows,
-        total_ut: Some(47.5),
-        format,
-        orientation: OrientationParameters::from_log(flight, 1, format, &[]),
-        terms: CorrectedTerms::All,
-    };
+    let orientation = OrientationParameters::from_log(flight, 1, format, &[]);
+    let inputs = ExportInputs { total_ut: Some(47.5), orientation, ..export_inputs(&compass.rows, format) };
     (inputs.export_simplest(calibration).unwrap().1, compass.rows)
 }
 

@@ -3,7 +3,6 @@ use autoswing::calibration::{AttitudeLatency, Solution};
 use super::*;
 use crate::log::LoggedCompass;
 use crate::replay::log_warning::warnings_of_flight;
-use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::verdict::{CompassAction, CompassState, Verdict};
 
 #[test]
@@ -80,7 +79,7 @@ fn the_compass_in_use_comes_first_and_decides() {
         let judgement = &mut verdict.compasses[2].judgement;
         (judgement.compass_state, judgement.recommended_action) = (compass_state, recommended_action);
         assert_eq!(verdict.compass_in_use().unwrap().judgement.compass_state, compass_state);
-        assert_eq!(verdict.is_good_or_correctable(), is_good_or_correctable, "{compass_state}");
+        assert_eq!(verdict.is_good_or_correctable(), is_good_or_correctable, "{compass_state:?}");
     }
     assert_eq!(verdict.exported_corrections().len(), 2);
 }

@@ -1,9 +1,6 @@
 //! Facts about a compass, as names and values.
 
-use std::fmt;
-
 use autoswing::calibration::{AttitudeLatency, MotorCurrentInterference, Solution};
-use autoswing_module::messages::Refusal;
 
 use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
@@ -57,8 +54,8 @@ impl Verdict<'_> {
         }
         let checks: Vec<String> = reading_checks.iter().map(ToString::to_string).collect();
         add_fact("reading", checks.join("; "));
-        if let Some(module_outcome) = CompassOutcome::new(compass) {
-            add_fact("module", module_outcome.to_string());
+        if let Some(outcome) = module_outcome(compass) {
+            add_fact("module", outcome);
         }
         if let Some(percent) = sent_percent {
             add_fact("module's headings", format!("in {} % of the flight", format_number(percent, 0)));
@@ -141,37 +138,12 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
     }
 }
 
-/// Whether and when the module would have calibrated a compass; displayed as a phrase.
-#[derive(Clone, Debug, PartialEq)]
-pub enum CompassOutcome {
-    /// Calibrated without a command at this time of the log, seconds.
-    Automatic(f64),
-    /// Calibrated only by a command at the end of the log.
-    Commanded,
-    /// The module would have refused the calibration.
-    Refused(Refusal),
-}
-
-impl CompassOutcome {
-    /// Outcome of a compass; none if no module is compared.
-    pub fn new(compass: &CompassEvaluation) -> Option<Self> {
-        let outcome = match (&compass.module_result.as_ref()?.acceptance, compass.calibration_time_s()) {
-            (Err(refusal), _) => Self::Refused(refusal.clone()),
-            (Ok(()), Some(at_s)) => Self::Automatic(at_s),
-            (Ok(()), None) => Self::Commanded,
-        };
-        Some(outcome)
-    }
-}
-
-impl fmt::Display for CompassOutcome {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Automatic(at_s) => {
-                write!(f, "would have calibrated itself at {} s of the log", format_number(*at_s, 0))
-            }
-            Self::Commanded => f.write_str("would have calibrated by a command at the end"),
-            Self::Refused(refusal) => write!(f, "would have been refused: {}: {refusal}", refusal.stable_code()),
-        }
-    }
+/// Whether and when the module would have calibrated a compass, a phrase; none if no module is compared.
+fn module_outcome(compass: &CompassEvaluation) -> Option<String> {
+    let outcome = match (&compass.module_result.as_ref()?.acceptance, compass.calibration_time_s()) {
+        (Err(refusal), _) => format!("would have been refused: {}: {refusal}", refusal.stable_code()),
+        (Ok(()), Some(at_s)) => format!("would have calibrated itself at {} s of the log", format_number(at_s, 0)),
+        (Ok(()), None) => "would have calibrated by a command at the end".to_owned(),
+    };
+    Some(outcome)
 }

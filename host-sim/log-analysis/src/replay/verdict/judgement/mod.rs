@@ -243,12 +243,6 @@ impl CompassState {
     }
 }
 
-impl fmt::Display for CompassState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.state_word())
-    }
-}
-
 impl fmt::Display for CompassJudgement {
     /// The judgement as a predicate: "is off by 7.3 deg RMS; with these parameters 0.6: load them".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -43,7 +43,7 @@ fn the_action_without_parameters_follows_from_their_reason() {
         (Fair, NoParameters::FewRows(9), FlyAgain),
     ] {
         let action = action_without_parameters(compass_state, &rejection);
-        assert_eq!(action, expected, "{compass_state} {rejection:?}");
+        assert_eq!(action, expected, "{compass_state:?} {rejection:?}");
     }
 }
 
