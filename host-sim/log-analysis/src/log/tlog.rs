@@ -360,12 +360,9 @@ impl TlogReader {
         if let Some(t_s) = self.sender_time_s(origin, time_us) {
             let field_ut = field_mg.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
             if self.builder.flight.autopilot == AutopilotKind::Px4 {
-                let instance = usize::from(compass_number) - 1;
-                self.px4_sensor_fields
-                    .iter_mut()
-                    .skip(instance)
-                    .take(1)
-                    .for_each(|field| field.push_row(t_s, field_ut));
+                if let Some(field) = self.px4_sensor_fields.get_mut(usize::from(compass_number) - 1) {
+                    field.push_row(t_s, field_ut);
+                }
             } else {
                 self.builder.push_field(compass_number, self.field_processing(), t_s, field_ut, None);
             }
@@ -396,6 +393,7 @@ impl TlogReader {
 
 /// Adds the loads of a message. The first battery is that of SYS_STATUS.
 fn record_loads(loads: &mut LoadRows, t_s: f64, message: &MavMessage) {
+    let amperes_of_hundredths = |hundredths: u16| Some(f32::from(hundredths) * 0.01);
     match message {
         MavMessage::BATTERY_STATUS(payload) if payload.id > 0 && payload.current_battery != -1 => {
             let battery = LoadSource::Battery(payload.id.saturating_add(1));
@@ -406,15 +404,11 @@ fn record_loads(loads: &mut LoadRows, t_s: f64, message: &MavMessage) {
             loads.push_values(source, t_s, payload.current.map(Some));
         }
         MavMessage::ESC_TELEMETRY_1_TO_4(payload) => {
-            loads.push_values(
-                LoadSource::Esc,
-                t_s,
-                payload.current.map(|hundredths| Some(f32::from(hundredths) * 0.01)),
-            );
+            loads.push_values(LoadSource::Esc, t_s, payload.current.map(amperes_of_hundredths));
         }
         MavMessage::ESC_TELEMETRY_5_TO_8(payload) => {
             let source = |number: u8| LoadSource::Esc(number.saturating_add(4));
-            loads.push_values(source, t_s, payload.current.map(|hundredths| Some(f32::from(hundredths) * 0.01)));
+            loads.push_values(source, t_s, payload.current.map(amperes_of_hundredths));
         }
         MavMessage::SERVO_OUTPUT_RAW(payload) if payload.port == 0 => {
             let pulses_us = servo_pulses_us(payload).map(|pulse_us| Some(f32::from(pulse_us)));

@@ -69,8 +69,8 @@ pub struct CompassEvaluation {
     pub reading_interval_s: f64,
     /// Result of the module that is compared.
     pub module_result: Option<ReplayResult>,
-    /// Heading scores with the correction as logged, and with each compared correction.
-    pub corrections: Vec<ScoredCorrection>,
+    /// Heading scores with the correction as logged, and with each compared correction; none without a reference.
+    pub heading_scores: Vec<(CorrectionSource, Option<HeadingScore>)>,
     /// Changes of hard iron in flight, in order of time.
     pub hard_iron_changes: Vec<LoggedHardIronChange>,
     /// Change of the sensor in flight; the changes of hard iron that it appears as are removed.
@@ -79,15 +79,6 @@ pub struct CompassEvaluation {
     pub bending_loads: Vec<BendingLoad>,
     /// The fit, from which the autopilot's parameters are made.
     pub parameter_fit: ParameterFit,
-}
-
-/// A correction with its score.
-#[derive(Clone, Debug)]
-pub struct ScoredCorrection {
-    /// Source of the correction.
-    pub correction_source: CorrectionSource,
-    /// Heading score; none without a reference.
-    pub score: Option<HeadingScore>,
 }
 
 /// Source of a correction.
@@ -235,7 +226,7 @@ impl SharedInputs<'_> {
             latency,
             row_counts,
             reading_interval_s: compass.field.median_step_s().unwrap_or(f64::NAN),
-            corrections: scored_corrections(compass, &rows, module_result.as_ref()),
+            heading_scores: heading_scores(compass, &rows, module_result.as_ref()),
             rows,
             module_result,
             hard_iron_changes,
@@ -275,11 +266,11 @@ struct FieldCauses {
 }
 
 /// Scores of the corrections as logged, and in a comparison with a module those of other fits.
-fn scored_corrections(
+fn heading_scores(
     compass: &LoggedCompass,
     rows: &[ReplayRow],
     module_result: Option<&ReplayResult>,
-) -> Vec<ScoredCorrection> {
+) -> Vec<(CorrectionSource, Option<HeadingScore>)> {
     let by = |correction: Option<FieldCorrection>| score_correction(rows, &correction?);
     let mut scores = vec![(CorrectionSource::Uncorrected, by(Some(FieldCorrection::identity())))];
     if compass.correction.is_some() {
@@ -292,7 +283,7 @@ fn scored_corrections(
         scores.push((CorrectionSource::Ellipsoid, by(baseline_fits::fit_ellipsoid(&fields))));
         scores.push((CorrectionSource::Module, module_result.score));
     }
-    scores.into_iter().map(|(correction_source, score)| ScoredCorrection { correction_source, score }).collect()
+    scores
 }
 
 /// Heading score of a correction.
@@ -311,7 +302,7 @@ impl CompassEvaluation {
     /// The score with the correction from one source.
     #[must_use]
     pub fn score_by(&self, source: CorrectionSource) -> Option<HeadingScore> {
-        self.corrections.iter().find(|correction| correction.correction_source == source)?.score
+        self.heading_scores.iter().find(|(correction_source, _)| *correction_source == source)?.1
     }
 }
 

@@ -23,17 +23,17 @@ impl LogMessage for NumericMessage<'_> {
     }
 }
 
-fn read_messages(messages: &[(&str, &[(&str, f64)])]) -> crate::log::LoggedFlight {
+fn read_messages<'a, C: AsRef<[(&'a str, f64)]>>(messages: &[(&str, C)]) -> crate::log::LoggedFlight {
     let mut builder = ardupilot_builder(LogFormat::DataFlash);
     for (name, numbers) in messages {
-        record_message(&mut builder, name, &NumericMessage(numbers));
+        record_message(&mut builder, name, &NumericMessage(numbers.as_ref()));
     }
     builder.finish_flight()
 }
 
 #[test]
 fn the_gyro_bias_is_subtracted() {
-    let flight = read_messages(&[
+    let flight = read_messages::<&[_]>(&[
         ("XKF1", &[("TimeUS", 1e6), ("GX", 1.0), ("GY", -2.0), ("GZ", 0.5)]),
         ("IMU", &[("TimeUS", 1.1e6), ("GyrX", 0.1), ("GyrY", 0.2), ("GyrZ", 0.3)]),
     ]);
@@ -50,7 +50,7 @@ fn the_old_current_message_is_read_and_2d_fixes_are_rejected() {
             [("Lat", 48.0), ("Lng", 11.0), ("Alt", 500.0), ("Spd", 9.0), ("GCrs", 45.0), ("Yaw", 0.0)];
         [&[("TimeUS", time_us), ("Status", status)][..], &position_columns].concat()
     };
-    let flight = read_messages(&[
+    let flight = read_messages::<&[_]>(&[
         ("CURR", &[("TimeUS", 1e6), ("Curr", 12.5)]),
         ("GPS", &fix(1.1e6, 2.0)),
         ("GPS", &fix(1.2e6, 3.0)),
@@ -62,14 +62,8 @@ fn the_old_current_message_is_read_and_2d_fixes_are_rejected() {
 }
 
 /// A message with roll, pitch 5 and yaw 30 deg.
-fn attitude_message(name: &str, time_us: f64, roll_deg: f64) -> (String, Vec<(&'static str, f64)>) {
-    (name.to_owned(), vec![("TimeUS", time_us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
-}
-
-fn read_owned_messages(messages: &[(String, Vec<(&str, f64)>)]) -> crate::log::LoggedFlight {
-    let messages: Vec<(&str, &[(&str, f64)])> =
-        messages.iter().map(|(name, numbers)| (name.as_str(), numbers.as_slice())).collect();
-    read_messages(&messages)
+fn attitude_message(name: &str, time_us: f64, roll_deg: f64) -> (&str, Vec<(&'static str, f64)>) {
+    (name, vec![("TimeUS", time_us), ("Roll", roll_deg), ("Pitch", 5.0), ("Yaw", 30.0)])
 }
 
 #[test]
@@ -80,12 +74,12 @@ fn filter_attitude_replaces_a_missing_att_message() {
     let mut second_core = attitude_message("XKF1", 1.1e6, 12.0);
     second_core.1.push(("C", 1.0));
     let mut messages = vec![attitude_message("AHR2", 1e6, 20.0), attitude_message("XKF1", 1.05e6, 11.0), second_core];
-    let flight = read_owned_messages(&messages);
+    let flight = read_messages(&messages);
     assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![11], Some("XKF1")));
-    let flight = read_owned_messages(&messages[..1]);
+    let flight = read_messages(&messages[..1]);
     assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![20], Some("AHR2")));
     messages.push(attitude_message("ATT", 1.2e6, 10.0));
-    let flight = read_owned_messages(&messages);
+    let flight = read_messages(&messages);
     assert_eq!((rolls(&flight), flight.fallback_attitude_message), (vec![10], None));
 }
 
@@ -126,12 +120,9 @@ fn the_best_substitute_attitude_is_used() {
     let mut messages = Vec::new();
     for name in ["AHR2", "NKQ", "XKQ", "NKF1", "XKF1"] {
         let time_us = 1e6 + 1e5 * messages.len() as f64;
-        messages.push(if name.ends_with('Q') {
-            (name.to_owned(), q(time_us, 0.0))
-        } else {
-            attitude_message(name, time_us, 20.0)
-        });
-        let best_source = read_owned_messages(&messages).fallback_attitude_message;
+        let is_quaternion = name.ends_with('Q');
+        messages.push(if is_quaternion { (name, q(time_us, 0.0)) } else { attitude_message(name, time_us, 20.0) });
+        let best_source = read_messages(&messages).fallback_attitude_message;
         assert_eq!(best_source, Some(name));
     }
     // A quaternion of a roll by 90 deg; the second core is not used.
@@ -146,7 +137,7 @@ fn rows_without_time_get_the_time_of_the_previous_row() {
     let mag = |x: f64| [("MagX", x), ("MagY", 0.0), ("MagZ", 400.0)];
     let imu = |time_ms: f64| [("TimeMS", time_ms), ("GyrX", 0.0), ("GyrY", 0.0), ("GyrZ", 0.0)];
     let attitude = [("Roll", 1.0), ("Pitch", 2.0), ("Yaw", 3.0)];
-    let flight = read_messages(&[
+    let flight = read_messages::<&[_]>(&[
         ("MAG", &mag(100.0)),
         ("IMU", &imu(5000.0)),
         ("MAG", &mag(200.0)),
@@ -159,10 +150,10 @@ fn rows_without_time_get_the_time_of_the_previous_row() {
     let rows: Vec<(i32, i32)> = flight.compasses[0].field.rows().iter().map(time_and_x).collect();
     assert_eq!(rows, [(5000, 20), (5100, 40)]);
     assert_eq!((flight.attitude.rows().len(), flight.rows_without_time), (1, 4));
-    let flight = read_messages(&[("MAG", &mag(100.0)), ("ATT", &attitude)]);
+    let flight = read_messages::<&[_]>(&[("MAG", &mag(100.0)), ("ATT", &attitude)]);
     assert!(flight.compasses.is_empty() && flight.rows_without_time == 1);
     let damaged = [("TimeUS", -1.0), ("MagX", 100.0), ("MagY", 0.0), ("MagZ", 400.0)];
-    assert!(read_messages(&[("IMU", &imu(5000.0)), ("MAG", &damaged)]).compasses.is_empty());
+    assert!(read_messages::<&[_]>(&[("IMU", &imu(5000.0)), ("MAG", &damaged)]).compasses.is_empty());
 }
 
 /// Offsets within 1.5 mG of the parameter are rounding.

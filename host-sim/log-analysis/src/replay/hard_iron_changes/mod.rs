@@ -215,19 +215,13 @@ fn confirmed_heading_effect_deg(
     step_effect_deg(step, solution).filter(|_| is_confirmed)
 }
 
-/// Largest effect of a step on a level heading, degrees, if significant.
+/// Largest effect of a step on a level heading, degrees, if significant. Horizontal components only: on a single heading
+/// the component across it is hardly observable, and a significant vertical component changes no heading.
 fn step_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
     let change_ut = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
-    let horizontal_ut = solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad);
-    heading_effect_deg(&change_ut, &step.sigma_ut.into(), horizontal_ut.into())
-}
-
-/// Largest effect on a level heading, degrees, of a change of the corrected field, if significant. Horizontal
-/// components only: on a single heading the component across it is hardly observable, and a significant vertical
-/// component changes no heading.
-fn heading_effect_deg(change_ut: &Vector3<f64>, sigma_ut: &Vector3<f64>, horizontal_field_ut: f64) -> Option<f64> {
-    let is_significant = change_ut.xy().norm() > MIN_HORIZONTAL_SIGMAS * sigma_ut.xy().norm();
-    let heading_effect_deg = libm::atan(change_ut.xy().norm() / horizontal_field_ut).to_degrees();
+    let horizontal_field_ut = solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad);
+    let is_significant = change_ut.xy().norm() > MIN_HORIZONTAL_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
+    let heading_effect_deg = libm::atan(change_ut.xy().norm() / f64::from(horizontal_field_ut)).to_degrees();
     (is_significant && heading_effect_deg >= MIN_HEADING_EFFECT_DEG).then_some(heading_effect_deg)
 }
 

@@ -283,7 +283,8 @@ impl<'a> JumpSearch<'a> {
             let Some(&jump) = jumps.first() else { break };
             beyond_s = self.rows[jump.row_index].t_s;
             let next_s = jumps.get(1).map_or(f64::INFINITY, |next| (self.rows[next.row_index].t_s - beyond_s).abs());
-            let tested = self.tested_rows(&jump, direction, next_s.min(MAX_TESTED_DURATION_S));
+            let tested_until_s = beyond_s + direction.sign() * next_s.min(MAX_TESTED_DURATION_S);
+            let tested = self.rows_between([beyond_s, tested_until_s]);
             let unshifted_ut = self.residual_ut(tested.clone(), &unshifted, &fit.earth_total_and_vertical_ut);
             let limit_ut = (MAX_SHIFTED_RESIDUAL_RATIO * unshifted_ut).max(MAX_RATIO_TO_FITTED_RESIDUAL * fitted_ut);
             if self.residual_ut(tested, &jump.shift_ut(direction), &fit.earth_total_and_vertical_ut) <= limit_ut {
@@ -294,8 +295,7 @@ impl<'a> JumpSearch<'a> {
         let end_s = direction.sign() * f64::INFINITY;
         let time_s = |i: usize| found.get(i).map_or(end_s, |jump: &Jump| self.rows[jump.row_index].t_s);
         let is_explained = |i: usize| {
-            let (one_s, other_s) = (time_s(i), time_s(i + 1));
-            let beyond = self.rows_between([one_s.min(other_s), one_s.max(other_s)]);
+            let beyond = self.rows_between([time_s(i), time_s(i + 1)]);
             let limit_ut = MAX_UNEXPLAINED_FRACTION * found[i].step_ut.norm();
             self.residual_ut(beyond, &unshifted, &fit.earth_total_and_vertical_ut)
                 < limit_ut.max(MAX_EXPLAINED_RESIDUAL_RATIO * fitted_ut)
@@ -306,18 +306,10 @@ impl<'a> JumpSearch<'a> {
         found
     }
 
-    /// Rows beyond a jump in the direction of the search, up to a duration in seconds.
-    fn tested_rows(&self, jump: &Jump, direction: Direction, duration_s: f64) -> std::ops::Range<usize> {
-        let at_s = self.rows[jump.row_index].t_s;
-        match direction {
-            Direction::Later => self.rows_between([at_s, at_s + duration_s]),
-            Direction::Earlier => self.rows_between([at_s - duration_s, at_s]),
-        }
-    }
-
+    /// Rows between two times in any order, seconds.
     fn rows_between(&self, times_s: [f64; 2]) -> std::ops::Range<usize> {
-        let [from, to] = times_s.map(|t_s| self.rows.partition_point(|row| row.t_s < t_s));
-        from..to
+        let [one, other] = times_s.map(|t_s| self.rows.partition_point(|row| row.t_s < t_s));
+        one.min(other)..one.max(other)
     }
 
     /// Median deviation of strength and vertical component from the Earth's field, microtesla.

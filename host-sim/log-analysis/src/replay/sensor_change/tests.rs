@@ -50,20 +50,18 @@ impl Change {
     /// Asserts the time to 1 s and the factors to 0.01.
     fn assert_found(&self, expected: Option<SensorChangeKind>) {
         let found = self.found();
-        let factor_of = |kind: SensorChangeKind| match kind {
-            SensorChangeKind::Gain { factor } | SensorChangeKind::AxisGain { factor, .. } => factor,
-            SensorChangeKind::AxisSign { .. } | SensorChangeKind::Registers => 0.0,
+        let name_and_factor = |kind: SensorChangeKind| match kind {
+            SensorChangeKind::Gain { factor } => (("gain", 3), factor),
+            SensorChangeKind::AxisGain { axis, factor } => (("gain", axis), factor),
+            SensorChangeKind::AxisSign { axis } => (("sign", axis), 0.0),
+            SensorChangeKind::Registers => (("registers", 3), 0.0),
         };
-        let name_of = |kind: SensorChangeKind| match kind {
-            SensorChangeKind::Gain { .. } => ("gain", 3),
-            SensorChangeKind::AxisSign { axis } => ("sign", axis),
-            SensorChangeKind::AxisGain { axis, .. } => ("gain", axis),
-            SensorChangeKind::Registers => ("registers", 3),
-        };
-        assert_eq!(found.map(|change| name_of(change.kind)), expected.map(name_of), "{self:?}: {found:?}");
+        assert_eq!(found.is_some(), expected.is_some(), "{self:?}: {found:?}");
         if let Some((change, kind)) = found.zip(expected) {
+            let [(name, factor), (expected_name, expected_factor)] = [change.kind, kind].map(name_and_factor);
+            assert_eq!(name, expected_name, "{self:?}: {change:?}");
             assert!((change.time_s - self.at_s).abs() < 1.0, "{self:?}: {change:?}");
-            assert!((factor_of(change.kind) - factor_of(kind)).abs() < 0.01, "{self:?}: {change:?}");
+            assert!((factor - expected_factor).abs() < 0.01, "{self:?}: {change:?}");
         }
     }
 }

@@ -112,17 +112,13 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
         );
     }
     // Residuals name no cause: latency, attitude lag in turns, and interference cause both kinds, by time and by bank.
-    if let Some(finding) = &solution.hard_iron_change {
-        add_fact(
-            "residuals",
-            format!("{} deg of the expected error, since they change in time", format_deg(finding.added_error_deg)),
-        );
-    }
-    if let Some(finding) = &solution.bank_scale_error {
-        add_fact(
-            "residuals",
-            format!("{} deg of the expected error, since they depend on the bank", format_deg(finding.added_error_deg)),
-        );
+    for (added_error_deg, reason) in [
+        (solution.hard_iron_change.map(|finding| finding.added_error_deg), "change in time"),
+        (solution.bank_scale_error.map(|finding| finding.added_error_deg), "depend on the bank"),
+    ] {
+        if let Some(added_deg) = added_error_deg.map(format_deg) {
+            add_fact("residuals", format!("{added_deg} deg of the expected error, since they {reason}"));
+        }
     }
     if let Some(advice) = solution.advice.as_ref().filter(|advice| advice.is_worthwhile()) {
         let [now, then] = [advice.expected_deg, advice.expected_after_deg].map(format_deg);

@@ -90,9 +90,9 @@ impl CompassVerdict<'_> {
             "rows": compass.row_counts,
             "fit": compass.parameter_fit.solution().map(solution_json),
             "module": compass.module_result.as_ref().map(|result| self.module_json(result)),
-            "headings": compass.corrections.iter().map(|correction| json!({
-                "by": correction.correction_source.source_name(),
-                "against_reference": correction.score.as_ref().map(score_json),
+            "headings": compass.heading_scores.iter().map(|(correction_source, score)| json!({
+                "by": correction_source.source_name(),
+                "against_reference": score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
             "changes": compass.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
                 "at_s": round_to(step.time_s, 1),

@@ -175,7 +175,7 @@ fn expected_earth(evaluation: &FlightEvaluation, calibration: &Calibration, is_e
 }
 
 fn logged_correction_source(compass: &CompassEvaluation) -> CorrectionSource {
-    if compass.corrections.iter().any(|logged| logged.correction_source == CorrectionSource::Autopilot) {
+    if compass.heading_scores.iter().any(|(source, _)| *source == CorrectionSource::Autopilot) {
         CorrectionSource::Autopilot
     } else {
         CorrectionSource::Uncorrected

@@ -68,8 +68,7 @@ fn a_field_model_of_another_year_is_reported() {
 fn the_before_curve_is_the_autopilot_s_correction() {
     let logged = report_after_change(|_, _| {});
     let raw = report_after_change(|_, verdict| {
-        let corrections = &mut verdict.compasses[0].corrections;
-        corrections.retain(|correction| correction.correction_source != CorrectionSource::Autopilot);
+        verdict.compasses[0].heading_scores.retain(|(source, _)| *source != CorrectionSource::Autopilot);
     });
     let rows = &FLOWN_TURNS.1.compasses[0].rows;
     for (report, name, is_logged_field_corrected) in [(&logged, "as logged", true), (&raw, "uncorrected", false)] {
