@@ -113,8 +113,8 @@ impl InertialLine {
     }
 
     /// An autopilot's report of an instant, with the attitude advanced by a long latency, and then own body rates; and own body rates to
-    /// check its attitude. Without a long latency they serve in a report without any. With own rates in each report the RMS is
-    /// equal to 0.03 deg without a fault, but of gyros with errors of 10 % 3.5 % of the headings of planes are bad, and 0 % so.
+    /// check its attitude. Without a long latency they serve in a report without any. Own rates in each report change
+    /// the RMS without a fault by less than 0.03 deg, but with an autopilot's gyro of 10 % error 3.5 % of the headings are bad, not 0.
     pub fn improved_report(
         &mut self,
         at: Timestamp,

@@ -1,8 +1,8 @@
 //! Comparison of the own body rates with those of an autopilot.
 //!
-//! Either may be wrong. The field in body axes, which moves by the true rates, arbitrates where its motion shows the difference: of own
-//! rates that are stuck or clipped, by MSP, a tenth as many headings are bad as by the rates alone. Where it does not, the own rates are
-//! not used: an autopilot's are those of a module without a gyro.
+//! Either may be wrong. The field, which moves in body axes by the true rates, shows which, if its motion depends on the difference. With
+//! stuck or clipped own rates, by MSP, a tenth as many headings are bad as without the field. Otherwise the own rates are not used: an
+//! autopilot's are those of a module without a gyro.
 
 use nalgebra::Vector3;
 
@@ -26,18 +26,18 @@ const MAX_RELATIVE_DIFFERENCE: f32 = 0.06;
 /// Differing reports in a row that are a contradiction: 0.3 s at 40 Hz.
 const MAX_DIFFERING_REPORTS: u8 = 12;
 
-/// Agreeing reports in a row, in rotation, that end it: 6 s at 40 Hz. Of rates clipped at 8 deg/s, by MSP, 0.01 % of the headings are bad,
-/// with 3 s 0.1 %.
+/// Agreeing reports in a row, in rotation, that end a contradiction: 6 s at 40 Hz. Of rates clipped at 8 deg/s, by MSP, 0.01 % of the
+/// headings are bad, with 3 s 0.1 %.
 const MIN_AGREEING_REPORTS: u8 = 250;
 
-/// Number of agreeing reports to which one is equal that differs where the field supports the own rates: it ends it after 0.3 s.
+/// Weight of a differing report whose own rates the field supports, in agreeing reports: it ends a contradiction after 0.3 s.
 const SUPPORTED_REPORT_WEIGHT: u8 = 20;
 
 /// Slowest rotation in which an agreement counts, rad/s: a turn.
 const MIN_AGREEING_RATE_RAD_S: f32 = 10.0 * DEG;
 
-/// Smallest error of the field's motion by one gyro's rates, radians (2 deg), and largest part of it by those of the other, for the field
-/// to support the other.
+/// Smallest error of the field's motion as one gyro's rates predict it, radians (2 deg), and largest ratio of the other's error to it,
+/// for the field to support the other.
 const MIN_PREDICTION_ERROR_RAD: f32 = 0.035;
 const MAX_ERROR_RATIO: f32 = 0.5;
 
@@ -95,7 +95,7 @@ impl RateComparison {
         agreement > 0 && !self.is_contradicted
     }
 
-    /// Number of agreeing reports to which a report with these own rates is equal; 0 if it differs.
+    /// Weight of a report with these own rates, in agreeing reports; 0 if its rates differ.
     fn agreement(&self, own_rad_s: Vector3<f32>) -> u8 {
         let by_latency_rad_s = (own_rad_s - self.mean_own_rad_s).vector_length() * (MAX_LATENCY_S / MEAN_TIME_S);
         let allowed_rad_s = MAX_DIFFERENCE_RAD_S
@@ -110,7 +110,7 @@ impl RateComparison {
         }
     }
 
-    /// Counts a report that differs (0), or is equal to a number of agreeing ones.
+    /// Counts a report of this weight in agreeing reports; 0 if its rates differ.
     fn count_report(&mut self, agreement: u8, is_rotating: bool) {
         if agreement == 0 {
             self.difference_count = self.difference_count.wrapping_add(1);
