@@ -168,7 +168,7 @@ counters! {
     inertial_register_upsets,
     /// Own body rates that contradict those of the autopilot.
     inertial_rate_contradictions,
-    /// Latency of the attitude that own rates correct, milliseconds.
+    /// Latency of the attitude that own rates correct now, milliseconds; no counter.
     corrected_latency_ms,
     /// Valid attitude reports of the selected sender.
     attitude_reports,

@@ -15,8 +15,8 @@ pub(super) const REMEMBERED_STEP_US: u64 = 50_000;
 /// Number of remembered rotations.
 const REMEMBERED_COUNT: usize = if HAS_OWN_ATTITUDE { 19 } else { 1 };
 
-/// Longest interval between two rates, and after the newest, microseconds.
-const MAX_STEP_US: u64 = 100_000;
+/// Longest interval between two rates, and after the newest, microseconds; a longer one is a pause of the sensors.
+pub(super) const MAX_STEP_US: u64 = 100_000;
 
 /// Newest rotation and rates.
 #[derive(Clone, Copy, Debug)]

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector3};
 
 use super::carried_vertical::CarriedVertical;
-use super::gyro_frame::GyroFrame;
+use super::gyro_frame::{GyroFrame, MAX_STEP_US};
 use super::latency_estimator::LatencyEstimator;
 use super::rate_comparison::RateComparison;
 use super::report::{AttitudeReport, BodyRates};
@@ -19,9 +19,6 @@ const AUTOPILOT_START_US: u64 = 15_000_000;
 
 /// Longest interval between two estimates whose attitude and rates are used, microseconds: two and a half periods of 50 Hz.
 pub(super) const MAX_OWN_GAP_US: u32 = 50_000;
-
-/// Shortest interval between two estimates that is a pause of the sensors, microseconds: five periods of 50 Hz.
-const MIN_PAUSE_US: u64 = 100_000;
 
 /// Number before the runs of the own integrated heading; those of an autopilot begin with 1.
 const NUMBER_BEFORE_RUNS: u8 = 128;
@@ -76,7 +73,7 @@ impl InertialLine {
             AttitudeSource::Own => Some(estimate.rates_rad_s),
             _ => estimate.measured_rates_rad_s,
         };
-        let has_paused = self.estimates.newest().is_some_and(|last| at.us_since(last.sent_at) > MIN_PAUSE_US);
+        let has_paused = self.estimates.newest().is_some_and(|last| at.us_since(last.sent_at) > MAX_STEP_US);
         let report = AttitudeReport {
             sender: SenderId::new(estimate.start_count.into()),
             sender_clock_at_sending: WrappingMillis::default(),
