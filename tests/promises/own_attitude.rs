@@ -175,14 +175,14 @@ fn the_own_attitude_is_used_automatically_without_an_autopilot() {
     rig.run_for_s(1.0);
     rig.send_console_line("set attitude auto");
     rig.run_for_s(12.0);
-    assert_eq!(status_line(&mut rig, "attitude: "), "none received");
+    assert_eq!(status_line(&mut rig, "attitude: "), "none in use");
     rig.run_for_s(4.0);
     assert!(status_line(&mut rig, "attitude: ").starts_with("roll"));
     rig.world.set_sends_attitude(true);
     rig.run_for_s(2.0);
     rig.world.set_sends_attitude(false);
     rig.run_for_s(2.0);
-    assert_eq!(status_line(&mut rig, "attitude: "), "none received");
+    assert_eq!(status_line(&mut rig, "attitude: "), "none in use");
 }
 
 /// An autopilot whose attitude is half a second old: within the two 50 ms steps in which the latency is measured.

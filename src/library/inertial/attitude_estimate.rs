@@ -14,7 +14,7 @@ pub struct InertialAttitude {
     /// Body rates without the estimated errors of the gyro, rad/s.
     pub rates_rad_s: Vector3<f32>,
     /// Measured body rates less the offset of the gyro at its last rest, rad/s: without what the filter makes of accelerations.
-    /// `None` until the offset is known: at the start it is several degrees per second.
+    /// `None` before the first rest: the offset is several degrees per second, and its estimate in turns, without a speed, as wrong.
     pub measured_rates_rad_s: Option<Vector3<f32>>,
     /// Heading in the navigation frame, rad, -pi..pi. Only differences are meaningful; they drift with the gyro's offset.
     pub frame_heading_rad: f32,

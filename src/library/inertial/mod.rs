@@ -83,9 +83,6 @@ fn horizontal_direction(vector: &Vector3<f32>) -> Vector3<f32> {
     if length > 0.0 { Vector3::new(vector.x / length, vector.y / length, 0.0) } else { Vector3::x() }
 }
 
-/// Largest sigma of a known offset of the gyro, rad/s: a third of the difference from an autopilot's gyro that is a contradiction.
-const MAX_KNOWN_OFFSET_SIGMA_RAD_S: f32 = 0.5 * DEG;
-
 /// Change of the gyro's offset between two rests, rad/s: 13 K (LSM6DSL's data sheet).
 const MAX_REST_OFFSET_CHANGE_RAD_S: f32 = 0.2 * DEG;
 
@@ -165,7 +162,8 @@ pub struct AttitudeFilter {
     gyro_offset_rad_s: Vector3<f32>,
     /// Rates at the last rest; `None` before the first one.
     rest_offset_rad_s: Option<Vector3<f32>>,
-    measured_rates_rad_s: Vector3<f32>,
+    /// Rates less those of the last rest.
+    measured_rates_rad_s: Option<Vector3<f32>>,
     gyro_scale: Vector3<f32>,
     accelerometer_offset_m_s2: Vector3<f32>,
     error_filter: ErrorFilter,
@@ -191,7 +189,7 @@ impl AttitudeFilter {
             is_speed_known: false,
             gyro_offset_rad_s: offsets.gyro_rad_s.into(),
             rest_offset_rad_s: None,
-            measured_rates_rad_s: Vector3::zeros(),
+            measured_rates_rad_s: None,
             gyro_scale: Vector3::zeros(),
             accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
             error_filter: new_error_filter(&sensor_errors, &offsets),
@@ -246,7 +244,7 @@ impl AttitudeFilter {
         sample: &InertialSample,
         step_s: f32,
     ) -> UnitQuaternion<f32> {
-        self.measured_rates_rad_s = sample.rates_rad_s - self.rest_offset_rad_s.unwrap_or(self.gyro_offset_rad_s);
+        self.measured_rates_rad_s = self.rest_offset_rad_s.map(|offset_rad_s| sample.rates_rad_s - offset_rad_s);
         let offset_free = sample.rates_rad_s - self.gyro_offset_rad_s;
         self.rates_rad_s = offset_free - offset_free.component_mul(&self.gyro_scale);
         let attitude = rotated_in_body(attitude, &(self.rates_rad_s * step_s));
@@ -354,18 +352,12 @@ impl AttitudeFilter {
         let offset_tilt_variance = self.error_filter.horizontal_offset_variance() / square(GRAVITY_M_S2);
         Some(InertialAttitude::new(
             &rotation,
-            (self.rates_rad_s, Some(self.measured_rates_rad_s).filter(|_| self.is_gyro_offset_known())),
+            (self.rates_rad_s, self.measured_rates_rad_s),
             self.start_count,
             &covariance,
             covariance.trace() <= square(MAX_SAMPLE_TILT_SIGMA_RAD)
                 && offset_tilt_variance <= square(MAX_SAMPLE_OFFSET_SIGMA_RAD),
         ))
-    }
-
-    /// Whether the gyro's offset is known on all axes: from a rest, or from an earlier estimate.
-    fn is_gyro_offset_known(&self) -> bool {
-        self.rest_offset_rad_s.is_some()
-            || self.error_filter.gyro_offset_variance().max() <= square(MAX_KNOWN_OFFSET_SIGMA_RAD_S)
     }
 
     /// Estimated offsets of the sensor, at its present temperature.

@@ -198,6 +198,28 @@ fn rest_measures_the_offset_and_a_steady_turn_does_not() {
     }
 }
 
+/// Without rest and speed, an aeroplane's circles make the estimated offset wrong by degrees per second, with a small sigma: its
+/// rates are not taken as measured.
+#[test]
+fn rates_are_measured_from_the_first_rest_on() {
+    /// After a minute straight ahead two circles at 25 deg of bank and 22 m/s to each side; bank and pitch sway by 11 deg.
+    fn banked_circles(t_s: f64) -> ([f64; 3], [f64; 3]) {
+        let (turn_s, side) = if t_s < 120.0 { (t_s - 60.0, 1.0) } else { (180.0 - t_s, -1.0) };
+        let (turn_s, bank) = (turn_s.max(0.0), 0.44 * side * (turn_s * 0.5).clamp(0.0, 1.0));
+        let yaw = 0.2 * turn_s;
+        ([bank + 0.2 * (0.5 * t_s).sin(), 0.2 * (0.65 * t_s).sin(), yaw], [22.0 * yaw.cos(), 22.0 * yaw.sin(), 0.0])
+    }
+    for (motion, is_at_rest) in [(at_rest as Motion, true), (banked_circles, false)] {
+        let mut run = Run::new(motion, 0);
+        run.run_for_s(5);
+        for _ in 5..180 {
+            run.run_for_s(1);
+            let measured_rates = run.filter.attitude().and_then(|estimate| estimate.measured_rates_rad_s);
+            assert_eq!(measured_rates.is_some(), is_at_rest, "{} s", run.t_s());
+        }
+    }
+}
+
 /// A vehicle that is steady but known to move may turn: what the gyro measures is not its offset. An offset about the vertical then
 /// acts as a centripetal acceleration, which is in the sigma.
 #[test]

@@ -211,7 +211,7 @@ fn write_instrument_state(out: &mut impl Write, health: &Diagnostics) -> fmt::Re
             let [roll, pitch] = [roll_rad, pitch_rad].map(|rad| Decimal::<1>(rad.to_degrees()));
             writeln!(out, "attitude: roll {roll} deg, pitch {pitch} deg")?;
         }
-        None => writeln!(out, "attitude: none received")?,
+        None => writeln!(out, "attitude: none in use")?,
     }
     match health.heading {
         Ok(heading) => {
