@@ -54,13 +54,6 @@ impl Correction {
         sensor_errors: SensorErrorSigmas::DEFAULT,
         attitude_source: AttitudeSource::Autopilot,
     };
-
-    /// Whether both corrections produce the same headings.
-    pub(super) fn gives_same_headings(&self, other: &Self) -> bool {
-        self.calibration == other.calibration
-            && self.has_valid_inclination == other.has_valid_inclination
-            && self.align_deg.to_bits() == other.align_deg.to_bits()
-    }
 }
 
 /// Source of the samples' attitude.

@@ -4,7 +4,6 @@
 //! the scale errors, its other elements the cross-axis sensitivities. In `theta' = q cos(phi) - r sin(phi)` and
 //! `psi' = (q sin(phi) + r cos(phi)) / cos(theta)` only the rows of y and z appear: eight numbers.
 
-use super::ud_filter::UdFilter;
 use crate::attitude::{EulerRates, MIN_COS_PITCH};
 use crate::frames::RollPitch;
 use crate::trig;
@@ -38,37 +37,6 @@ impl GyroErrorRows {
 /// Derivatives by the gyro errors: those of the y axis multiplied by `y_factor`, those of the z axis by `z_factor`.
 fn gyro_error_row(axis_derivatives: &[f32; 4], y_factor: f32, z_factor: f32) -> GyroErrors {
     core::array::from_fn(|i| axis_derivatives[i % 4] * if i < 4 { y_factor } else { z_factor })
-}
-
-/// Error of the heading rate due to the gyro, updated with each sample (10 Hz).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct HeadingRateError {
-    /// Estimated errors with their covariance.
-    pub gyro_errors: UdFilter<GYRO_ERROR_COUNT>,
-    /// Derivatives of the rate of heading by the errors.
-    pub derivative_row: GyroErrors,
-    /// Error of the rate, rad/s, and its variance.
-    pub rate_error_rad_s: f32,
-    pub variance: f32,
-}
-
-impl HeadingRateError {
-    /// Heading-rate error of zero without uncertainty.
-    pub const ZERO_ERROR: Self = Self {
-        gyro_errors: UdFilter::ZERO,
-        derivative_row: [0.0; GYRO_ERROR_COUNT],
-        rate_error_rad_s: 0.0,
-        variance: 0.0,
-    };
-
-    pub fn new(errors: &UdFilter<GYRO_ERROR_COUNT>, row: GyroErrors) -> Self {
-        Self {
-            rate_error_rad_s: errors.projected_mean(&row),
-            variance: errors.projected_variance(&row),
-            gyro_errors: *errors,
-            derivative_row: row,
-        }
-    }
 }
 
 #[cfg(test)]

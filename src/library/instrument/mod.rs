@@ -137,9 +137,6 @@ impl Instrument {
             // A sample must not mix readings with and without attitude.
             self.pairing_queue.clear_queue();
         }
-        if !correction.gives_same_headings(base) {
-            self.smoother.reset_filter();
-        }
         let has_same_sources =
             correction.attitude_source == base.attitude_source && correction.sensor_errors == base.sensor_errors;
         self.attitude_track.set_source(correction.attitude_source);
@@ -267,8 +264,9 @@ impl Instrument {
             Some(fault) => Err(fault.into()),
             None => self.compute_heading((field, corrected), current_a, attitude, gyro_heading.as_ref()),
         };
-        let gyro = &self.active_calibration.adjustment.heading_rate_error;
-        let smoothed_heading = self.smoother.smooth_heading(at, heading.as_ref().ok(), gyro_heading.as_ref(), gyro);
+        let monitored_heading = self.monitored_heading(gyro_heading.as_ref());
+        let smoothed_heading =
+            self.smoother.smooth_heading(at, heading.as_ref().ok(), gyro_heading.as_ref(), monitored_heading);
         let heading = heading.map(|heading| heading.with_added_variance(self.smoother.disagreement_variance_rad2()));
         let compass_field = self.compass_field.output_field(at, &self.active_calibration, field, corrected);
         Estimate {
@@ -283,6 +281,13 @@ impl Instrument {
             installation_change: self.installation_change(),
             current_a,
         }
+    }
+
+    /// The monitor's heading by the gyro's, with alignment; `None` while the monitor is not updated.
+    fn monitored_heading(&self, gyro_heading: Option<&GyroHeading>) -> Option<Heading> {
+        let ActiveCalibration { adjustment, stored_correction, .. } = &self.active_calibration;
+        let gyro_heading = gyro_heading.filter(|_| stored_correction.has_valid_inclination);
+        Some(adjustment.heading_by_gyro(gyro_heading?)?.rotated_by_deg(stored_correction.align_deg))
     }
 
     /// Standard deviations of roll and pitch, radians, if the own attitude is in use.

@@ -22,9 +22,6 @@ pub(super) struct Measurement<const N: usize> {
 }
 
 impl<const N: usize> UdFilter<N> {
-    /// States of zero without uncertainty.
-    pub const ZERO: Self = Self { mean: [0.0; N], upper: [[0.0; N]; N], diagonal: [0.0; N] };
-
     pub fn new(sigmas: &[f32; N]) -> Self {
         Self { mean: [0.0; N], upper: [[0.0; N]; N], diagonal: sigmas.map(|sigma| sigma * sigma) }
     }
@@ -128,14 +125,6 @@ impl<const N: usize> UdFilter<N> {
                 row[j] + (target_index + 1..j).map(|i| self.upper[i][j] * row[i]).sum::<f32>();
         }
     }
-
-    /// The last states alone, from `first` on: their covariance has their part of the factors.
-    pub fn marginal_of_last<const M: usize>(&self, first: usize) -> UdFilter<M> {
-        let upper = core::array::from_fn(|i| core::array::from_fn(|j| self.upper[first + i][first + j]));
-        let [mean, diagonal] =
-            [&self.mean, &self.diagonal].map(|elements| core::array::from_fn(|i| elements[first + i]));
-        UdFilter { mean, upper, diagonal }
-    }
 }
 
 /// Number of elements up to the last nonzero one. Measurements have zeros for the last states.
@@ -237,24 +226,10 @@ mod tests {
         assert!((0..N).all(|i| state.state_variance(i) > 0.0));
     }
 
-    /// `P = [[4 + 0.25 * 4, 0.5], [0.5, 0.25]]` of the last two of three states: `5 + 2 * 3 * 0.5 + 9 * 0.25`.
-    #[test]
-    fn the_last_states_keep_their_covariance() {
-        let mut state = UdFilter::<3>::new(&[9.0, 2.0, 0.5]);
-        state.upper[0] = [0.0, 7.0, 8.0];
-        state.upper[1][2] = 2.0;
-        state.mean = [5.0, 0.0, 0.1];
-        let last: UdFilter<2> = state.marginal_of_last(1);
-        let row = [1.0, 3.0];
-        assert!((last.projected_variance(&row) - 10.25).abs() < 1e-5 && (last.projected_mean(&row) - 0.3).abs() < 1e-6);
-        assert!((state.projected_variance(&[0.0, 1.0, 3.0]) - 10.25).abs() < 1e-5);
-        assert_eq!(state.marginal_of_last(0), state);
-    }
-
     #[test]
     fn a_known_state_without_process_noise_stays_known() {
-        let mut known = UdFilter::<3>::ZERO;
+        let mut known = UdFilter::<3>::new(&[0.0; 3]);
         known.inflate_variance(2, 0.0);
-        assert_eq!(known, UdFilter::ZERO);
+        assert_eq!(known, UdFilter::new(&[0.0; 3]));
     }
 }

@@ -35,7 +35,7 @@ use core::ops::Range;
 use nalgebra::Vector3;
 
 use super::correction::SensorErrorSigmas;
-use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors, HeadingRateError};
+use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors};
 use super::ud_filter::{Measurement, UdFilter};
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, Sample};
@@ -597,18 +597,12 @@ impl Monitor {
             coefficient_variance_factor: self.coefficient_variance_factor.variance_factor(),
             heading_variance_rad2: sent_rad2,
             sample_noise: self.output_noise(monitored.sample_noise()),
-            heading_rate_error: self.heading_rate_error(),
             run_and_heading_offset_variance: self
                 .gyro_run_number
                 .map(|run| (run, self.filter.state_variance(GYRO_HEADING_OFFSET_INDEX))),
             validity: self.assess_validity(&states, sample, heading_jacobian, [variance_rad2, sent_rad2]),
             installation_change: self.detect_change(&change, monitored.calibration.total_ut, step_s),
         };
-    }
-
-    fn heading_rate_error(&self) -> HeadingRateError {
-        let row = self.last_gyro_error_row.unwrap_or([0.0; GYRO_ERROR_COUNT]);
-        HeadingRateError::new(&self.filter.marginal_of_last(FIRST_GYRO_ERROR_INDEX), row)
     }
 
     fn output_noise(&self, calibration_noise: SampleNoise) -> Option<SampleNoise> {

@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 
-use super::super::gyro_error::HeadingRateError;
 use super::adaptive_noise::SampleNoise;
 use super::installation_change::InstallationChange;
 use super::measurement_model::{
@@ -13,9 +12,9 @@ use super::monitored_calibration::MonitoredCalibration;
 use super::parameters::READING_GATE_SIGMAS;
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, HeadingUncertainty, inverse};
-use crate::frames::{RollPitch, wrap_pi};
+use crate::frames::{RollPitch, wrap_pi, wrap_two_pi};
 use crate::heading::{Heading, NoHeading};
-use crate::trig::{sin_cos, sqrt};
+use crate::trig::{sin_cos, sqrt, square};
 
 /// Estimated states, with the parts of their covariance that headings need.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,8 +25,6 @@ pub(crate) struct MonitorOutput {
     /// Heading variance due to the states' covariance, square radians.
     pub heading_variance_rad2: f32,
     pub(super) sample_noise: Option<SampleNoise>,
-    /// Errors of the gyro, and of its rate of heading.
-    pub heading_rate_error: HeadingRateError,
     /// Gyro integration run, and variance of its heading offset, square radians.
     pub(super) run_and_heading_offset_variance: Option<(u8, f32)>,
     /// Reason why headings are withheld.
@@ -42,7 +39,6 @@ impl MonitorOutput {
         coefficient_variance_factor: 1.0,
         heading_variance_rad2: 0.0,
         sample_noise: None,
-        heading_rate_error: HeadingRateError::ZERO_ERROR,
         run_and_heading_offset_variance: None,
         validity: Ok(()),
         installation_change: None,
@@ -52,21 +48,29 @@ impl MonitorOutput {
         measurement_model::correct_attitude(reported, euler_rates, &self.states)
     }
 
+    /// Heading by the gyro's and its estimated offset; `None` before the first sample of an integration run.
+    pub fn heading_by_gyro(&self, gyro_heading: &GyroHeading) -> Option<Heading> {
+        let GyroHeading { euler_rates, relative_heading_rad, run_number } = gyro_heading;
+        let (run, offset_variance_rad2) = self.run_and_heading_offset_variance?;
+        (run == *run_number).then(|| Heading {
+            magnetic_rad: wrap_two_pi(
+                relative_heading_rad
+                    + self.states[GYRO_HEADING_OFFSET_INDEX]
+                    + self.states[ATTITUDE_LATENCY_INDEX] * euler_rates.heading_rad_s,
+            ),
+            sigma_rad: sqrt(offset_variance_rad2),
+            systematic_variance_rad2: 0.0,
+        })
+    }
+
     /// Gate of a single reading against the gyro heading; it detects a field step 0.1 s earlier than an averaged
     /// sample.
     pub fn passes_reading_gate(&self, heading: Heading, gyro_heading: Option<&GyroHeading>) -> bool {
-        let Some((turning, (run, offset_variance_rad2))) = gyro_heading.zip(self.run_and_heading_offset_variance)
-        else {
-            return true;
-        };
-        let GyroHeading { euler_rates, relative_heading_rad, .. } = turning;
-        let gyro_heading_rad = relative_heading_rad
-            + self.states[GYRO_HEADING_OFFSET_INDEX]
-            + self.states[ATTITUDE_LATENCY_INDEX] * euler_rates.heading_rad_s;
-        let innovation_rad = wrap_pi(heading.magnetic_rad - gyro_heading_rad);
-        let variance_rad2 = heading.sigma_rad * heading.sigma_rad + offset_variance_rad2;
-        turning.run_number != run
-            || innovation_rad * innovation_rad <= READING_GATE_SIGMAS * READING_GATE_SIGMAS * variance_rad2
+        gyro_heading.and_then(|gyro_heading| self.heading_by_gyro(gyro_heading)).is_none_or(|by_gyro| {
+            let innovation_rad = wrap_pi(heading.magnetic_rad - by_gyro.magnetic_rad);
+            let variance_rad2 = square(heading.sigma_rad) + square(by_gyro.sigma_rad);
+            square(innovation_rad) <= square(READING_GATE_SIGMAS) * variance_rad2
+        })
     }
 
     /// Calibration and its uncertainty, corrected by the estimated states and variances. The turn in the mount and the

@@ -164,14 +164,12 @@ fn the_scale_error_of_the_gyro_is_estimated() {
         let mut flight = Flight::new(13);
         flight.errors.gyro_scale_error = gyro_scale_error;
         flight.fly_seconds(600).assert_accurate(49, 5.0, &format!("{gyro_scale_error}"));
-        let (attitude, euler_rates, _) = motion_at(STRAIGHT_S + CIRCLE_S / 2.0);
-        let row = GyroErrorRows::new(attitude, &euler_rates).heading_row;
-        let errors = flight.monitor.monitor_output().heading_rate_error.gyro_errors;
+        let (row, heading_rate_rad_s) = heading_rate_row(STRAIGHT_S + CIRCLE_S / 2.0);
         let found = estimated_scale_error(&flight, STRAIGHT_S + CIRCLE_S / 2.0);
         // Gyro errors multiply the true rates, the row the measured ones.
         let expected = gyro_scale_error / (1.0 + gyro_scale_error);
         assert!((found - expected).abs() < 0.005, "{gyro_scale_error}: {found}");
-        assert!(sqrt(errors.projected_variance(&row)) / euler_rates.heading_rad_s < 0.005);
+        assert!(sqrt(flight.monitor.filter.projected_variance(&row)) / heading_rate_rad_s < 0.005);
     }
 }
 
@@ -196,9 +194,16 @@ fn the_first_report_of_a_corrected_current_is_awaited() {
 
 /// The estimated scale error of the gyro's rate of heading at `t_s`, relative.
 fn estimated_scale_error(flight: &Flight, t_s: f32) -> f32 {
+    let (row, heading_rate_rad_s) = heading_rate_row(t_s);
+    flight.monitor.filter.projected_mean(&row) / heading_rate_rad_s
+}
+
+/// Derivatives of the measured rate of heading at `t_s` by the states, and that rate.
+fn heading_rate_row(t_s: f32) -> (StateVector, f32) {
     let (attitude, euler_rates, _) = motion_at(t_s);
-    let row = GyroErrorRows::new(attitude, &euler_rates).heading_row;
-    flight.monitor.monitor_output().heading_rate_error.gyro_errors.projected_mean(&row) / euler_rates.heading_rad_s
+    let mut row = [0.0; STATE_COUNT];
+    row[FIRST_GYRO_ERROR_INDEX..].copy_from_slice(&GyroErrorRows::new(attitude, &euler_rates).heading_row);
+    (row, euler_rates.heading_rad_s)
 }
 
 /// After a third of a circle with 10 % of gyro scale error the estimate follows if 10 % is expected, not if 0.2 %.
