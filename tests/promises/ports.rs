@@ -15,11 +15,10 @@ use simulator::rig::Rig;
 use simulator::world::aircraft::{PrescribedMotion, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::{AttachedDevice, FarEnd};
-use simulator::world::mavlink_autopilot::{
-    MavlinkAutopilot, MavlinkFrame, ReportedPosition, XIAN_POSITION, command_long,
-};
+use simulator::world::mavlink_autopilot::{MavlinkAutopilot, MavlinkFrame, ReportedPosition, XIAN_POSITION};
 use simulator::world::msp_autopilot::{self, AnswerFaults, CompassSample};
 use simulator::world::{CRUISE_CURRENT_A, TrueState, WorldConfig};
+use testkit::frames::mavlink_command;
 
 use crate::autopilot_view::{
     HEARTBEAT, MAG_CAL_PROGRESS, MAG_CAL_REPORT, assert_current_interference_is_estimated, frames_with_id,
@@ -297,7 +296,7 @@ fn the_autopilot_is_set_up_from_the_console_or_by_a_ground_station() {
     ] {
         assert!(notes.contains(note), "{note}: {notes}");
     }
-    let set_up = command_long([255, 190], 1, 31_010, 0, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let set_up = mavlink_command([255, 190], [1, 158], 31_010, [2.0, 0.0, 0.0, 0.0]);
     received_frames(&rig, 0);
     rig.autopilot.send_bytes(&set_up);
     run_for_s(&mut rig, 20.0);
@@ -374,8 +373,8 @@ fn a_ground_station_commands_calibration_and_restart() {
     rig.send_console_line("set auto off");
     let _ = received_frames(&rig, 0);
     let received_frames_log = RefCell::new(Vec::new());
-    let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 7]| {
-        rig.autopilot.send_bytes(&command_long([255, 190], system, command, 0, parameters));
+    let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 4]| {
+        rig.autopilot.send_bytes(&mavlink_command([255, 190], [system, 158], command, parameters));
         run_for_s(rig, 2.5);
         let new_frames = received_frames(rig, 0);
         received_frames_log.replace(status_texts(&new_frames));
@@ -385,13 +384,13 @@ fn a_ground_station_commands_calibration_and_restart() {
             .map(|frame| (u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]), frame.byte_at(2)))
             .collect::<Vec<_>>()
     };
-    assert_eq!(order(&mut rig, 7, START, [0.0; 7]).len(), 0);
+    assert_eq!(order(&mut rig, 7, START, [0.0; 4]).len(), 0);
     assert!(full_status(&mut rig).contains("ok uncalibrated"));
-    assert_eq!(order(&mut rig, 1, START, [0.0; 7]), [(START, 0)], "accepted");
+    assert_eq!(order(&mut rig, 1, START, [0.0; 4]), [(START, 0)], "accepted");
     assert!(full_status(&mut rig).contains("ok collecting"));
-    assert_eq!(order(&mut rig, 1, CANCEL, [0.0; 7]), [(CANCEL, 0)]);
+    assert_eq!(order(&mut rig, 1, CANCEL, [0.0; 4]), [(CANCEL, 0)]);
     assert!(full_status(&mut rig).contains("ok uncalibrated"));
-    let of_us = [0.0, 0.0, 1.0, 158.0, 0.0, 0.0, 0.0];
+    let of_us = [0.0, 0.0, 1.0, 158.0];
     rig.world.set_armed(true);
     run_for_s(&mut rig, 2.0);
     let refused = order(&mut rig, 1, REBOOT, of_us);

@@ -48,15 +48,35 @@ pub fn mavlink_attitude_payload(boot_ms: u32, angles_and_rates: [f32; 6]) -> Vec
     boot_ms.to_le_bytes().into_iter().chain(angles_and_rates.into_iter().flat_map(f32::to_le_bytes)).collect()
 }
 
-/// Frame of MSP version 2; `direction` is `<` for a request, `>` for a reply, `!` for a refusal. Its checksum is
-/// CRC-8/DVB-S2.
+/// COMMAND_LONG with the first of its seven parameters; the others are zero.
+#[must_use]
+pub fn mavlink_command(
+    sender: MavlinkAddress,
+    target: MavlinkAddress,
+    command: u16,
+    first_parameters: [f32; 4],
+) -> Vec<u8> {
+    let mut payload = first_parameters.map(f32::to_le_bytes).concat();
+    payload.resize(28, 0);
+    payload.extend(command.to_le_bytes());
+    payload.extend(target);
+    mavlink_v2_frame(sender, 76, 152, &payload)
+}
+
+/// Frame of MSP version 2; `direction` is `<` for a request, `>` for a reply, `!` for a refusal.
 #[must_use]
 pub fn msp_frame(direction: u8, function: u16, payload: &[u8]) -> Vec<u8> {
     let [f0, f1] = function.to_le_bytes();
     let [n0, n1] = (payload.len() as u16).to_le_bytes();
     let checked = [&[0, f0, f1, n0, n1], payload].concat();
-    let crc = checked.iter().fold(0_u8, |crc, byte| {
-        (0..8).fold(crc ^ byte, |crc, _| if crc & 0x80 == 0 { crc << 1 } else { crc << 1 ^ 0xD5 })
-    });
+    let crc = crc_8_dvb_s2(&checked);
     [&[b'$', b'X', direction], &checked[..], &[crc]].concat()
+}
+
+/// CRC-8/DVB-S2: polynomial 0xD5, initial value 0, no final XOR.
+#[must_use]
+pub fn crc_8_dvb_s2(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { (crc << 1) ^ 0xD5 })
+    })
 }

@@ -1,14 +1,10 @@
-//! MAVLink 2 frames of any message.
+//! MAVLink 2 frames of any message, as an autopilot receives them.
 
 use mavlink_dialect::{MavMessage, Message, calculate_crc};
 
-pub(super) const MODULE_COMPONENT: u8 = 158;
-
-/// Received or sent frame.
+/// Received frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MavlinkFrame {
-    /// Sequence number of the sender; wraps.
-    pub sequence: u8,
     /// System ID of the sender.
     pub system_id: u8,
     /// Component ID of the sender.
@@ -31,30 +27,6 @@ impl MavlinkFrame {
     pub fn float_at(&self, byte_index: usize) -> f32 {
         f32::from_le_bytes([0, 1, 2, 3].map(|byte| self.byte_at(byte_index + byte)))
     }
-
-    /// Encoded frame; `extra_crc` is the message's CRC seed.
-    #[must_use]
-    pub fn frame_bytes(&self, extra_crc: u8) -> Vec<u8> {
-        let payload_length = self.payload.iter().rposition(|&byte| byte != 0).map_or(1, |last| last + 1);
-        let payload = &self.payload[..payload_length.min(self.payload.len())];
-        let [id_0, id_1, id_2, _] = self.message_id.to_le_bytes();
-        let Self { sequence, system_id: system, component_id: component, .. } = *self;
-        let header = [0xFD, payload.len() as u8, 0, 0, sequence, system, component, id_0, id_1, id_2];
-        let mut bytes = [&header, payload].concat();
-        bytes.extend(calculate_crc(&bytes[1..], extra_crc).to_le_bytes());
-        bytes
-    }
-}
-
-/// COMMAND_LONG frame to the module of a system. The command may be one of another dialect.
-#[must_use]
-pub fn command_long(sender: [u8; 2], system: u8, command: u16, confirmation: u8, parameters: [f32; 7]) -> Vec<u8> {
-    let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
-    payload.extend(command.to_le_bytes());
-    payload.extend([system, MODULE_COMPONENT, confirmation]);
-    let [from_system, from_component] = sender;
-    MavlinkFrame { sequence: 0, system_id: from_system, component_id: from_component, message_id: 76, payload }
-        .frame_bytes(152)
 }
 
 fn extra_crc(id: u32) -> u8 {
@@ -95,14 +67,13 @@ impl FrameReader {
     }
 
     fn checked_frame(&self, frame_length: usize) -> Option<MavlinkFrame> {
-        let [_, _, _, _, sequence, system, component, id_0, id_1, id_2, ..] = *self.bytes.as_slice() else {
+        let [_, _, _, _, _, system, component, id_0, id_1, id_2, ..] = *self.bytes.as_slice() else {
             return None;
         };
         let id = u32::from_le_bytes([id_0, id_1, id_2, 0]);
         let is_right = calculate_crc(&self.bytes[1..frame_length], extra_crc(id)).to_le_bytes()
             == self.bytes[frame_length..frame_length + 2];
         is_right.then(|| MavlinkFrame {
-            sequence,
             system_id: system,
             component_id: component,
             message_id: id,

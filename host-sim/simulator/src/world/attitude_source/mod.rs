@@ -12,7 +12,6 @@ use super::aircraft;
 use super::earth::{ReportedPosition, START_UNIX_US};
 use super::gauss_markov::FirstOrderProcess;
 use super::gyro::{Gyro, GyroConfig};
-use super::mavlink_frame::MavlinkFrame;
 use super::state::TrueState;
 use crate::random::{RandomStream, StreamPurpose};
 
@@ -211,10 +210,6 @@ impl SimulatedAttitudeSource {
         };
     }
 
-    pub(super) const fn identity(&self) -> SenderIdentity {
-        self.identity
-    }
-
     pub(super) fn latency_us(&self) -> u64 {
         (self.config.latency_ms * 1e3) as u64
     }
@@ -318,29 +313,11 @@ impl SimulatedAttitudeSource {
 
     pub(super) fn encode_message(&mut self, message: &impl MessageData) -> Vec<u8> {
         let SenderIdentity { system_id, component_id, .. } = self.identity;
-        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.next_sequence() };
+        let header = MavHeader { system_id: system_id.into(), component_id, sequence: self.sequence };
+        self.sequence = self.sequence.wrapping_add(1);
         let mut frame = MAVLinkV2MessageRaw::new();
         frame.serialize_message_data(header, message);
         frame.raw_bytes().to_vec()
-    }
-
-    /// Frame of a message given by its payload.
-    pub(super) fn encode_raw(&mut self, id: u32, extra_crc: u8, payload: &[u8]) -> Vec<u8> {
-        let SenderIdentity { system_id: system, component_id: component, .. } = self.identity;
-        MavlinkFrame {
-            sequence: self.next_sequence(),
-            system_id: system,
-            component_id: component,
-            message_id: id,
-            payload: payload.to_vec(),
-        }
-        .frame_bytes(extra_crc)
-    }
-
-    const fn next_sequence(&mut self) -> u8 {
-        let sequence = self.sequence;
-        self.sequence = sequence.wrapping_add(1);
-        sequence
     }
 }
 

@@ -4,13 +4,13 @@
 //! the module can observe. [`FarEnd`](super::cable_far_end::FarEnd) attaches it to a cable.
 
 use mavlink_dialect::{
-    ATTITUDE_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
-    MavResult, MavlinkVersion, Message, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd,
+    MavDataStream, MavMessage, MavResult, MavlinkVersion, Message, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use super::attitude_source::SimulatedAttitudeSource;
 pub use super::earth::{ReportedPosition, START_UNIX_US, XIAN_POSITION};
-pub use super::mavlink_frame::{FrameReader, MavlinkFrame, command_long};
+pub use super::mavlink_frame::{FrameReader, MavlinkFrame};
 use super::parameter_table::ParameterTable;
 use super::state::TrueState;
 
@@ -220,22 +220,21 @@ impl MavlinkAutopilot {
         let message = MavMessage::parse(MavlinkVersion::V2, frame.message_id, &frame.payload);
         if let Ok(message) = message
             && let (Some(system), Some(component)) = (message.target_system_id(), message.target_component_id())
-            && self.is_addressed(system, component)
+            && [system, component] == [self.source.identity.system_id, self.source.identity.component_id]
         {
-            if let MavMessage::COMMAND_LONG(command) = &message {
-                self.execute_command(now_us, frame, command);
+            match &message {
+                MavMessage::COMMAND_LONG(command) => self.execute_command(now_us, frame, command),
+                MavMessage::REQUEST_DATA_STREAM(request)
+                    if request.req_stream_id == MavDataStream::MAV_DATA_STREAM_EXTRA1 =>
+                {
+                    let max_hz = 1e6 / f64::from(self.least_interval_us);
+                    self.start_stream(ATTITUDE_DATA::ID, f64::from(request.req_message_rate).min(max_hz), now_us);
+                }
+                _ => {}
             }
             for reply in self.parameters.replies(&message) {
                 self.pending_answer_bytes.extend(self.source.encode_message(&reply));
             }
-        }
-        if frame.message_id == REQUEST_DATA_STREAM
-            && self.is_addressed(frame.byte_at(2), frame.byte_at(3))
-            && frame.byte_at(4) == STREAM_EXTRA1
-        {
-            let requested_hz = f64::from(u16::from_le_bytes([frame.byte_at(0), frame.byte_at(1)]));
-            let max_hz = 1e6 / f64::from(self.least_interval_us);
-            self.start_stream(ATTITUDE_DATA::ID, requested_hz.min(max_hz), now_us);
         }
     }
 
@@ -248,11 +247,6 @@ impl MavlinkAutopilot {
         if number("FLIGHT_OPTIONS") as u32 & UNTRIMMED_PITCH_OPTION == 0 {
             attitude.pitch -= number("PTCH_TRIM_DEG").to_radians() as f32;
         }
-    }
-
-    fn is_addressed(&self, system: u8, component: u8) -> bool {
-        let identity = self.source.identity();
-        system == identity.system_id && component == identity.component_id
     }
 
     fn execute_command(&mut self, now_us: u64, frame: &MavlinkFrame, command: &COMMAND_LONG_DATA) {
@@ -278,10 +272,14 @@ impl MavlinkAutopilot {
             self.start_stream(command.param1 as u32, 1e6 / f64::from(command.param2), now_us);
             MavResult::MAV_RESULT_ACCEPTED
         };
-        let [low, high] = command.command.0.to_le_bytes();
-        let payload = [low, high, result.0, 0, 0, 0, 0, 0, frame.system_id, frame.component_id];
-        let command_ack = self.source.encode_raw(77, 143, &payload);
-        self.pending_answer_bytes.extend(command_ack);
+        let (target_system, target_component) = (frame.system_id, frame.component_id);
+        self.pending_answer_bytes.extend(self.source.encode_message(&COMMAND_ACK_DATA {
+            command: command.command,
+            result,
+            target_system,
+            target_component,
+            ..COMMAND_ACK_DATA::default()
+        }));
     }
 
     fn start_stream(&mut self, id: u32, rate_hz: f64, now_us: u64) {
@@ -293,11 +291,6 @@ impl MavlinkAutopilot {
         self.streams.push(PeriodicMessage { id, period_us, due_us: now_us + period_us });
     }
 }
-
-/// Message superseded by SET_MESSAGE_INTERVAL.
-const REQUEST_DATA_STREAM: u32 = 66;
-
-const STREAM_EXTRA1: u8 = 10;
 
 /// `MAV_CMD_EXTERNAL_ATTITUDE_ESTIMATE` of the development dialect.
 const EXTERNAL_ATTITUDE_ESTIMATE: MavCmd = MavCmd(620);

@@ -1,4 +1,6 @@
-//! MSP version 2 frames as an autopilot decodes and encodes them.
+//! MSP version 2 requests as an autopilot decodes them, and the payloads of its replies.
+
+use testkit::frames::crc_8_dvb_s2;
 
 const FC_VARIANT: u16 = 2;
 const MSP_STATUS: u16 = 101;
@@ -34,54 +36,26 @@ impl MspRequest {
 }
 
 #[derive(Clone, Debug, Default)]
-pub(super) struct RequestReader {
-    bytes: Vec<u8>,
-}
+pub(super) struct RequestReader(Vec<u8>);
 
 impl RequestReader {
     /// Processes one byte and returns a completed request; bytes outside frames are dropped.
     pub fn push_byte(&mut self, byte: u8) -> Option<MspRequest> {
-        self.bytes.push(byte);
-        let begun = self.bytes.len().min(3);
-        if self.bytes[..begun] != b"$X<"[..begun] {
-            self.bytes.clear();
+        self.0.push(byte);
+        let begun = self.0.len().min(3);
+        if self.0[..begun] != b"$X<"[..begun] {
+            self.0.clear();
             return None;
         }
-        let &[_, _, _, _flags, f0, f1, n0, n1, ref payload @ .., crc] = self.bytes.as_slice() else { return None };
+        let &[_, _, _, _flags, f0, f1, n0, n1, ref payload @ .., crc] = self.0.as_slice() else { return None };
         if payload.len() < usize::from(u16::from_le_bytes([n0, n1])) {
             return None;
         }
         let request = MspRequest { function_code: u16::from_le_bytes([f0, f1]), payload: payload.to_vec() };
-        let is_intact = crc_8_dvb_s2(&self.bytes[3..self.bytes.len() - 1]) == crc;
-        self.bytes.clear();
+        let is_intact = crc_8_dvb_s2(&self.0[3..self.0.len() - 1]) == crc;
+        self.0.clear();
         is_intact.then_some(request)
     }
-}
-
-/// CRC-8/DVB-S2: polynomial 0xD5, initial value 0, no final XOR.
-pub(super) fn crc_8_dvb_s2(bytes: &[u8]) -> u8 {
-    bytes.iter().fold(0, |crc, byte| {
-        (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 == 0 { crc << 1 } else { (crc << 1) ^ 0xD5 })
-    })
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum MspAnswer {
-    Reply(Vec<u8>),
-    Error,
-}
-
-pub(super) fn encode_reply(function: u16, answer: &MspAnswer) -> Vec<u8> {
-    let (direction, payload) = match answer {
-        MspAnswer::Reply(payload) => (b'>', payload.as_slice()),
-        MspAnswer::Error => (b'!', [].as_slice()),
-    };
-    let mut frame = vec![b'$', b'X', direction, 0];
-    frame.extend(function.to_le_bytes());
-    frame.extend((payload.len() as u16).to_le_bytes());
-    frame.extend(payload);
-    frame.push(crc_8_dvb_s2(&frame[3..]));
-    frame
 }
 
 /// Reply payload of a firmware; `None` for an unknown function.

@@ -1,7 +1,7 @@
 //! Simulated autopilot that answers MSP requests and receives compass samples.
 //!
-//! Its frame encoding, with the signs and lengths of each firmware, is independent of the library, so that library
-//! errors are detected. An answer contains the autopilot's state at the time of sending.
+//! The encoding of its replies, with the signs and lengths of each firmware, is independent of the library, so that
+//! errors of the library are detected. An answer contains the autopilot's state at the time of sending.
 
 mod frame;
 mod settings;
@@ -11,8 +11,9 @@ use std::collections::VecDeque;
 pub use self::frame::{AutopilotState, MspFirmware};
 pub use self::settings::InavSettings;
 
-use self::frame::{MspAnswer, MspRequest, RequestReader, encode_reply};
+use self::frame::{MspRequest, RequestReader};
 use crate::random::{RandomStream, StreamPurpose};
+use testkit::frames::msp_frame;
 
 /// Probabilities (0 to 1) of communication faults per answer. At most one fault occurs per answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -68,14 +69,12 @@ impl MspAutopilot {
     /// An autopilot that was just switched on.
     #[must_use]
     pub fn new(firmware: MspFirmware, answer_faults: AnswerFaults, seed: u64) -> Self {
-        let random = RandomStream::new(seed, StreamPurpose::Msp);
-        let (request_reader, waiting_requests) = (RequestReader::default(), VecDeque::new());
         Self {
             firmware,
             answer_faults,
-            random,
-            request_reader,
-            waiting_requests,
+            random: RandomStream::new(seed, StreamPurpose::Msp),
+            request_reader: RequestReader::default(),
+            waiting_requests: VecDeque::new(),
             held_bytes: Vec::new(),
             compass_samples: Vec::new(),
             settings: InavSettings::new(),
@@ -100,8 +99,8 @@ impl MspAutopilot {
     pub fn due_reply_bytes(&mut self, now_us: u64, autopilot_state: &AutopilotState) -> Vec<u8> {
         let mut sent_bytes = Vec::new();
         while let Some((_, request)) = self.waiting_requests.pop_front_if(|(due_us, _)| *due_us <= now_us) {
-            let answer = self.answer_request(&request, autopilot_state);
-            self.send_with_faults(&answer, &request, &mut sent_bytes);
+            let reply = self.reply_payload(&request, autopilot_state);
+            self.send_with_faults(reply, request.function_code, &mut sent_bytes);
         }
         sent_bytes
     }
@@ -111,34 +110,30 @@ impl MspAutopilot {
         std::mem::take(&mut self.compass_samples)
     }
 
-    fn answer_request(&mut self, request: &MspRequest, autopilot_state: &AutopilotState) -> MspAnswer {
-        let reply = match request.function_code {
-            frame::SETTING_INFO if self.firmware == MspFirmware::Inav => self.settings.info(&request.payload),
-            frame::SET_SETTING if self.firmware == MspFirmware::Inav => {
-                self.settings.change(&request.payload).map(|()| Vec::new())
-            }
-            frame::EEPROM_WRITE if self.firmware == MspFirmware::Inav && !autopilot_state.is_armed => {
+    /// Payload of the reply; `None` for an error frame.
+    fn reply_payload(&mut self, request: &MspRequest, autopilot_state: &AutopilotState) -> Option<Vec<u8>> {
+        if self.firmware == MspFirmware::ArduPilot {
+            // ArduPilot acknowledges unknown functions.
+            let reply = frame::reply_payload(self.firmware, request.function_code, autopilot_state);
+            return Some(reply.unwrap_or_default());
+        }
+        match request.function_code {
+            frame::SETTING_INFO => self.settings.info(&request.payload),
+            frame::SET_SETTING => self.settings.change(&request.payload).map(|()| Vec::new()),
+            frame::EEPROM_WRITE if !autopilot_state.is_armed => {
                 self.settings.save();
                 Some(Vec::new())
             }
-            frame::REBOOT if self.firmware == MspFirmware::Inav => {
+            frame::REBOOT => {
                 self.restart_count += 1;
                 self.settings.load();
                 Some(Vec::new())
             }
             function => frame::reply_payload(self.firmware, function, autopilot_state),
-        };
-        reply.map_or(
-            match self.firmware {
-                // ArduPilot acknowledges unknown functions.
-                MspFirmware::ArduPilot => MspAnswer::Reply(Vec::new()),
-                MspFirmware::Inav => MspAnswer::Error,
-            },
-            MspAnswer::Reply,
-        )
+        }
     }
 
-    fn send_with_faults(&mut self, answer: &MspAnswer, request: &MspRequest, sent_bytes: &mut Vec<u8>) {
+    fn send_with_faults(&mut self, reply: Option<Vec<u8>>, function_code: u16, sent_bytes: &mut Vec<u8>) {
         let AnswerFaults { drop_probability, rejection_probability, truncation_probability, delay_probability } =
             self.answer_faults;
         // A uniform random number selects the fault by cumulative probability.
@@ -148,7 +143,10 @@ impl MspAutopilot {
         }
         let answer_start = drop_probability + rejection_probability;
         let is_error = draw < answer_start;
-        let mut bytes = encode_reply(request.function_code, if is_error { &MspAnswer::Error } else { answer });
+        let mut bytes = match reply.filter(|_| !is_error) {
+            Some(payload) => msp_frame(b'>', function_code, &payload),
+            None => msp_frame(b'!', function_code, &[]),
+        };
         if !is_error && draw < answer_start + truncation_probability {
             bytes.truncate((self.random.random_bits() % bytes.len() as u64) as usize);
         } else if !is_error && draw < answer_start + truncation_probability + delay_probability {

@@ -27,6 +27,7 @@ enum Request {
 
 fn parse_request(frame: &MavlinkFrame) -> Option<Request> {
     const COMMAND_LONG: u32 = 76;
+    const REQUEST_DATA_STREAM: u32 = 66;
     match frame.message_id {
         COMMAND_LONG => {
             Some(Request::Message { id: frame.float_at(0) as u32, rate_hz: (1e6 / frame.float_at(4)).round() as u32 })
@@ -210,8 +211,9 @@ fn px4_s_yaw_is_reset_once_in_a_flight() {
 /// Frames cut at any byte, with noise between them.
 #[test]
 fn the_reader_finds_every_frame() {
-    let frame = MavlinkFrame { sequence: 3, system_id: 1, component_id: 158, message_id: 191, payload: vec![7; 17] };
-    let bytes = [&[0xFD, 2, 3][..], &frame.frame_bytes(92), b"noise", &frame.frame_bytes(92)].concat();
+    let frame = MavlinkFrame { system_id: 1, component_id: 158, message_id: 191, payload: vec![7; 17] };
+    let frame_bytes = testkit::frames::mavlink_v2_frame([1, 158], 191, 92, &frame.payload);
+    let bytes = [&[0xFD, 2, 3][..], &frame_bytes, b"noise", &frame_bytes].concat();
     for cut in 0..bytes.len() {
         let mut reader = FrameReader::default();
         let mut found_frames = reader.read_frames(&bytes[..cut]);

@@ -2,7 +2,6 @@ pub mod setup;
 
 use autoswing_firmware::wire::msp::{self, AutopilotFirmware, MspFunction, MspReceiver, MspReply};
 
-use super::frame::crc_8_dvb_s2;
 use super::*;
 
 const AUTOPILOT_STATE: AutopilotState = AutopilotState {
@@ -43,7 +42,7 @@ fn request_reply(
 
 #[test]
 fn the_library_understands_variant_position_and_date_of_both_firmwares() {
-    assert_eq!(crc_8_dvb_s2(b"123456789"), 0xBC);
+    assert_eq!(testkit::frames::crc_8_dvb_s2(b"123456789"), 0xBC);
     for (firmware, detected) in
         [(MspFirmware::ArduPilot, AutopilotFirmware::ArduPilot), (MspFirmware::Inav, AutopilotFirmware::Inav)]
     {
