@@ -5,13 +5,12 @@ use std::rc::Rc;
 
 use autoswing_firmware::wire::nmea;
 use embassy_time::{Duration, Instant, Timer};
-use mavlink_dialect::ATTITUDE_DATA;
 use testkit::clock;
 use testkit::simulation::{ExecutorLevel, Simulation};
 
 use super::attitude_source::{HEARTBEAT_PERIOD_US, STATUS_PERIOD_US, SenderKind, SimulatedAttitudeSource};
 use super::earth::XIAN_POSITION;
-use super::fault_interfaces::{AttitudeFault, is_silent};
+use super::fault_interfaces::AttitudeFault;
 use super::mavlink_autopilot::{self, AutopilotInputs, MavlinkAutopilot, START_UNIX_US};
 use super::msp_autopilot::{self, AnswerFaults, AutopilotState, MspAutopilot};
 use super::simulated_world::World;
@@ -115,20 +114,13 @@ async fn run_mavlink(
             let mut device = device.borrow_mut();
             device.receive_bytes(now_us, &uart.receive_bytes());
             if device.due_us() <= now_us {
-                let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
-                let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
-                let modify_message = |attitude: &mut ATTITUDE_DATA| {
-                    for fault in &mut faults {
-                        fault.modify_message(now_us, attitude);
-                    }
+                let inputs = AutopilotInputs {
+                    true_state: world.true_state(now_us.saturating_sub(latency_us + faults.added_latency_us(now_us))),
+                    is_armed: world.is_armed(),
+                    current_a: world.reported_current_a(now_us),
                 };
-                let (is_armed, current_a) = (world.is_armed(), world.reported_current_a(now_us));
-                let bytes = device.due_messages(
-                    now_us,
-                    &AutopilotInputs { true_state: truth, is_armed, current_a },
-                    modify_message,
-                );
-                if world.sends_attitude() && !is_silent(&faults, now_us) {
+                let bytes = device.due_messages(now_us, &inputs, |attitude| faults.modify_message(now_us, attitude));
+                if world.sends_attitude() && !faults.is_silent(now_us) {
                     uart.send_bytes(&bytes);
                 }
             }
@@ -153,13 +145,10 @@ async fn run_msp(
         let now_us = clock::now_us();
         if now_us >= estimated_us {
             estimated_us += period_us;
-            let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
-            let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
+            let truth = world.true_state(now_us.saturating_sub(latency_us + faults.added_latency_us(now_us)));
             // Attitude faults operate on MAVLink messages.
             let mut attitude = source.attitude_message(&truth, now_us);
-            for fault in &mut faults {
-                fault.modify_message(now_us, &mut attitude);
-            }
+            faults.modify_message(now_us, &mut attitude);
             autopilot_state = AutopilotState {
                 roll_rad: f64::from(attitude.roll),
                 pitch_rad: f64::from(attitude.pitch),
@@ -177,7 +166,7 @@ async fn run_msp(
                 device.receive_byte(timed_byte.arrives_at_us, timed_byte.byte);
             }
             let bytes = device.due_reply_bytes(now_us, &autopilot_state);
-            if world.sends_attitude() && !is_silent(&faults, now_us) {
+            if world.sends_attitude() && !faults.is_silent(now_us) {
                 uart.send_bytes(&bytes);
             }
         }
@@ -208,7 +197,7 @@ impl SimulatedAttitudeSource {
         for tick in 1_u64.. {
             let now_us = began_us + (tick as f64 * period_us).round() as u64;
             Timer::at(Instant::from_micros(now_us)).await;
-            let sends = world.sends_attitude() && !is_silent(&faults, now_us);
+            let sends = world.sends_attitude() && !faults.is_silent(now_us);
             if now_us >= heartbeat_us && self.identity.heartbeat_kind.is_some() {
                 heartbeat_us += HEARTBEAT_PERIOD_US;
                 let heartbeat = self.heartbeat_message(world.is_armed());
@@ -228,12 +217,9 @@ impl SimulatedAttitudeSource {
                     uart.send_bytes(&self.status_message(Some(amperes)));
                 }
             }
-            let added_latency_us: u64 = faults.iter().map(|fault| fault.added_latency_us(now_us)).sum();
-            let truth = world.true_state(now_us.saturating_sub(latency_us + added_latency_us));
+            let truth = world.true_state(now_us.saturating_sub(latency_us + faults.added_latency_us(now_us)));
             let mut message = self.attitude_message(&truth, now_us);
-            for fault in &mut faults {
-                fault.modify_message(now_us, &mut message);
-            }
+            faults.modify_message(now_us, &mut message);
             // Noise advances also while sending is disabled, so it depends only on time.
             let frame = self.encode_message(&message);
             if sends {

@@ -46,9 +46,21 @@ pub trait AttitudeFault {
     fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA);
 }
 
-/// Whether one of the faults silences the source.
-pub(super) fn is_silent(faults: &[Box<dyn AttitudeFault>], now_us: u64) -> bool {
-    faults.iter().any(|fault| fault.is_silent(now_us))
+/// All faults of a source; they modify each message in order.
+impl AttitudeFault for Vec<Box<dyn AttitudeFault>> {
+    fn added_latency_us(&self, now_us: u64) -> u64 {
+        self.iter().map(|fault| fault.added_latency_us(now_us)).sum()
+    }
+
+    fn is_silent(&self, now_us: u64) -> bool {
+        self.iter().any(|fault| fault.is_silent(now_us))
+    }
+
+    fn modify_message(&mut self, now_us: u64, message: &mut ATTITUDE_DATA) {
+        for fault in self {
+            fault.modify_message(now_us, message);
+        }
+    }
 }
 
 impl<F: FnMut(u64, &mut ATTITUDE_DATA)> AttitudeFault for F {
