@@ -1,8 +1,6 @@
 //! Calibration routines by vehicle kind, each at most three minutes, the legs flown for evaluation afterwards, and
 //! random legs.
 
-use std::fmt::Write as _;
-
 use crate::random::RandomStream;
 use crate::world::aircraft::VehicleKind;
 use crate::world::autopilot::Leg;
@@ -48,10 +46,7 @@ pub struct CalibrationRoutine {
 }
 
 /// Console command for the collection of informative samples, for all vehicles but aeroplanes.
-pub const START_FLIGHT_COLLECTION: &str = "cal start";
-
-/// Console command for the collection of an aeroplane's turns.
-const START_TURNS_COLLECTION: &str = "cal start turns";
+const START_FLIGHT_COLLECTION: &str = "cal start";
 
 impl CalibrationRoutine {
     /// Calibration routine of a vehicle kind, with take-off heading; the plan applies to aeroplanes.
@@ -61,8 +56,8 @@ impl CalibrationRoutine {
             VehicleKind::Plane => plane_routine(plan, heading_deg),
             VehicleKind::Copter => copter_routine(),
             VehicleKind::Vtol => vtol_routine(heading_deg),
-            VehicleKind::Rover => rover_routine(heading_deg),
-            VehicleKind::Boat => boat_routine(heading_deg),
+            VehicleKind::Rover => surface_routine(ROVER_INSTRUCTION, heading_deg),
+            VehicleKind::Boat => surface_routine(BOAT_INSTRUCTION, heading_deg),
             VehicleKind::Hand => hand_routine(),
         }
     }
@@ -72,30 +67,18 @@ impl CalibrationRoutine {
     pub fn legs(&self) -> Vec<Leg> {
         self.routine_parts.iter().flat_map(|routine_part| routine_part.legs.iter().copied()).collect()
     }
-
-    /// Pilot instructions, one line per part.
-    #[must_use]
-    pub fn pilot_instructions(&self) -> String {
-        self.routine_parts.iter().enumerate().fold(String::new(), |mut text, (i, routine_part)| {
-            // Writing to a string never fails.
-            let _ = writeln!(text, "  {}. {}", i + 1, routine_part.instruction);
-            text
-        })
-    }
 }
 
 /// Pilot instructions for all kinds.
 #[must_use]
 pub fn all_instructions() -> String {
-    VehicleKind::ALL_VEHICLES.into_iter().fold(String::new(), |text, vehicle_kind| {
+    let instructions = VehicleKind::ALL_VEHICLES.map(|vehicle_kind| {
         let routine = CalibrationRoutine::for_vehicle(vehicle_kind, TurnPlan::default(), 0.0);
-        format!(
-            "{text}{}, after `{}`:\n{}",
-            vehicle_kind.vehicle_name(),
-            routine.start_command,
-            routine.pilot_instructions()
-        )
-    })
+        let parts = (1..).zip(&routine.routine_parts);
+        let parts: Vec<_> = parts.map(|(number, part)| format!("  {number}. {}\n", part.instruction)).collect();
+        format!("{}, after `{}`:\n{}", vehicle_kind.vehicle_name(), routine.start_command, parts.concat())
+    });
+    instructions.concat()
 }
 
 fn yaw_leg(rate_deg_s: f64, heading_change_deg: f64) -> Leg {
@@ -113,24 +96,12 @@ fn yaw_turns_part() -> RoutinePart {
     }
 }
 
-/// Legs that tilt the vehicle to all four sides, each tilt followed by a rest, at each of `heading_count` headings.
-fn tilts_part(name: &'static str, instruction_text: &'static str, heading_count: usize) -> RoutinePart {
-    const TILT_DURATION_S: f64 = 2.0;
-    const REST_AFTER_TILT_S: f64 = 2.5;
-    let turn = yaw_leg(2.0 * HOVER_RATE_DEG_S, 360.0 / heading_count as f64);
-    let tilt_legs = [0.0, 180.0, 90.0, 270.0].into_iter().flat_map(|toward_deg| {
-        [Leg::Tilt { toward_deg, tilt_deg: 18.0, seconds: TILT_DURATION_S }, Leg::Hover { seconds: REST_AFTER_TILT_S }]
-    });
-    let legs = (0..heading_count).flat_map(|_| tilt_legs.clone().chain([turn])).collect();
-    RoutinePart { part_name: name, instruction: instruction_text, legs }
-}
-
 fn plane_routine(plan: TurnPlan, heading_deg: f64) -> CalibrationRoutine {
     let turns = |side: f64| {
         vec![Leg::Turn { bank_deg: plan.bank_deg, heading_change_deg: side * 360.0 * plan.circles_per_side }]
     };
     CalibrationRoutine {
-        start_command: START_TURNS_COLLECTION,
+        start_command: "cal start turns",
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
         routine_parts: vec![
             RoutinePart {
@@ -150,12 +121,19 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> CalibrationRoutine {
 }
 
 fn copter_routine() -> CalibrationRoutine {
-    let instruction_text = "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it tilts by some \
-                20 deg, two seconds each, and let it come to rest in between";
+    let tilt_and_rest =
+        |toward_deg| [Leg::Tilt { toward_deg, tilt_deg: 18.0, seconds: 2.0 }, Leg::Hover { seconds: 2.5 }];
+    let tilts = [0.0, 180.0, 90.0, 270.0].map(tilt_and_rest).concat();
+    let pushes = RoutinePart {
+        part_name: "pushes",
+        instruction: "on four headings, a quarter turn apart: push the stick ahead, back, right and left until it \
+                      tilts by some 20 deg, two seconds each, and let it come to rest in between",
+        legs: [tilts, vec![yaw_leg(2.0 * HOVER_RATE_DEG_S, 90.0)]].concat().repeat(4),
+    };
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
-        routine_parts: vec![yaw_turns_part(), tilts_part("pushes", instruction_text, 4)],
+        routine_parts: vec![yaw_turns_part(), pushes],
         mission_legs: vec![
             yaw_leg(45.0, 360.0),
             Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
@@ -193,57 +171,43 @@ fn vtol_routine(heading_deg: f64) -> CalibrationRoutine {
     }
 }
 
-/// Legs of two circles each, to alternating sides, so that they cover different places.
-fn circles_part(name: &'static str, instruction_text: &'static str, rate_deg_s: f64, leg_count: usize) -> RoutinePart {
-    let signed_turns_deg = [720.0, -720.0].into_iter().cycle();
-    RoutinePart {
-        part_name: name,
-        instruction: instruction_text,
-        legs: signed_turns_deg.take(leg_count).map(|change_deg| yaw_leg(rate_deg_s, change_deg)).collect(),
-    }
-}
+const ROVER_INSTRUCTION: &str = "on the roughest ground there is, or across a slope: two circles to the right and two \
+                                 to the left, and both again, each in 20 s";
+const BOAT_INSTRUCTION: &str =
+    "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
 
-fn surface_mission_legs() -> Vec<Leg> {
-    vec![
-        yaw_leg(20.0, 360.0),
-        Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
-        yaw_leg(10.0, -360.0),
-        Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
-    ]
-}
-
-fn rover_routine(heading_deg: f64) -> CalibrationRoutine {
-    let instruction_text = "on the roughest ground there is, or across a slope: two circles to the right and two to the left, and both \
-                again, each in 20 s";
+/// Circles to alternating sides, so that they cover different places.
+fn surface_routine(instruction: &'static str, heading_deg: f64) -> CalibrationRoutine {
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        routine_parts: vec![circles_part("circles", instruction_text, 18.0, 4)],
-        mission_legs: surface_mission_legs(),
-    }
-}
-
-fn boat_routine(heading_deg: f64) -> CalibrationRoutine {
-    let instruction_text =
-        "in waves that roll it: two circles to the right and two to the left, and both again, each in 20 s";
-    CalibrationRoutine {
-        start_command: START_FLIGHT_COLLECTION,
-        take_off: Leg::Straight { heading_deg, seconds: 5.0 },
-        routine_parts: vec![circles_part("circles", instruction_text, 18.0, 4)],
-        mission_legs: surface_mission_legs(),
+        routine_parts: vec![RoutinePart {
+            part_name: "circles",
+            instruction,
+            legs: [yaw_leg(18.0, 720.0), yaw_leg(18.0, -720.0)].repeat(2),
+        }],
+        mission_legs: vec![
+            yaw_leg(20.0, 360.0),
+            Leg::Straight { heading_deg: 60.0, seconds: 20.0 },
+            yaw_leg(10.0, -360.0),
+            Leg::Straight { heading_deg: 250.0, seconds: 15.0 },
+        ],
     }
 }
 
 fn hand_routine() -> CalibrationRoutine {
-    let instruction_text = "on four headings, a quarter turn apart: nose down, nose up, on its left and on its right side, and \
-                upside down, two seconds each";
     let tilt = |toward_deg: f64, tilt_deg: f64| Leg::Tilt { toward_deg, tilt_deg, seconds: 2.0 };
     let tilts = [tilt(0.0, 60.0), tilt(180.0, 60.0), tilt(270.0, 90.0), tilt(90.0, 90.0), tilt(90.0, 170.0)];
-    let tumble = (0..4).flat_map(|_| tilts.into_iter().chain([yaw_leg(60.0, 90.0)])).collect();
+    let tumble = RoutinePart {
+        part_name: "tumble",
+        instruction: "on four headings, a quarter turn apart: nose down, nose up, on its left and on its right side, \
+                      and upside down, two seconds each",
+        legs: [&tilts[..], &[yaw_leg(60.0, 90.0)]].concat().repeat(4),
+    };
     CalibrationRoutine {
         start_command: START_FLIGHT_COLLECTION,
         take_off: Leg::Hover { seconds: 5.0 },
-        routine_parts: vec![RoutinePart { part_name: "tumble", instruction: instruction_text, legs: tumble }],
+        routine_parts: vec![tumble],
         mission_legs: vec![
             yaw_leg(45.0, 360.0),
             tilt(45.0, 30.0),
