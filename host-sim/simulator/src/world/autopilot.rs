@@ -105,32 +105,27 @@ pub struct Autopilot {
     plan: VecDeque<Leg>,
     active_leg: Option<ActiveLeg>,
     held_command: VehicleCommand,
-    translation_without_plan: TranslationMode,
+    command_without_plan: VehicleCommand,
 }
 
 impl Autopilot {
     /// An autopilot that hovers (`hovers`) or moves straight ahead when its plan is empty.
     #[must_use]
     pub fn new(hovers: bool) -> Self {
-        let translation_without_plan = if hovers { TranslationMode::HoldPosition } else { TranslationMode::Forward };
-        Self {
-            held_command: VehicleCommand { translation_mode: translation_without_plan, ..VehicleCommand::default() },
-            translation_without_plan,
-            ..Self::default()
-        }
+        let translation_mode = if hovers { TranslationMode::HoldPosition } else { TranslationMode::Forward };
+        let command_without_plan = VehicleCommand { translation_mode, ..VehicleCommand::default() };
+        Self { held_command: command_without_plan, command_without_plan, ..Self::default() }
     }
 
     /// Appends a leg. After the last leg the vehicle continues wings level, or hovers.
     pub fn append_leg(&mut self, leg: Leg) {
-        self.held_command =
-            VehicleCommand { translation_mode: self.translation_without_plan, ..VehicleCommand::default() };
+        self.held_command = self.command_without_plan;
         self.plan.push_back(leg);
     }
 
     /// Clears the plan and holds a bank and a pitch.
     pub fn hold_bank_and_pitch(&mut self, bank_deg: f64, pitch_deg: f64) {
-        self.plan.clear();
-        self.active_leg = None;
+        self.clear_plan();
         let (bank_rad, pitch_rad) = (bank_deg.to_radians(), pitch_deg.to_radians());
         self.held_command = VehicleCommand { bank_rad, pitch_rad, ..VehicleCommand::default() };
     }
@@ -139,8 +134,7 @@ impl Autopilot {
     pub fn clear_plan(&mut self) {
         self.plan.clear();
         self.active_leg = None;
-        self.held_command =
-            VehicleCommand { translation_mode: self.translation_without_plan, ..VehicleCommand::default() };
+        self.held_command = self.command_without_plan;
     }
 
     /// Number of unfinished legs, the present one included.
