@@ -180,9 +180,6 @@ impl Rig {
         for fault in faults.link_faults {
             simulation.spawn(ExecutorLevel::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));
         }
-        for foreign in faults.second_senders {
-            simulation.spawn(ExecutorLevel::World, "foreign sender", foreign.run_sender(&world, autopilot.clone()));
-        }
         simulation.spawn(ExecutorLevel::World, "watchdog timer", watchdog_timer(reset_line.clone()));
         let mut rig = Self {
             simulation,

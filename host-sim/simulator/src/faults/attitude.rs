@@ -1,45 +1,14 @@
-//! Faults of the attitude source: modified messages, and other senders on the same line.
+//! Faults of the attitude source: modified messages.
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use mavlink_dialect::ATTITUDE_DATA;
 
-use crate::devices::uart::HostEnd;
 use crate::faults::fault_switch::FaultSwitch;
 use crate::random::{RandomStream, StreamPurpose};
-use crate::world::World;
-use crate::world::attitude_source::{AttitudeSourceConfig, SenderIdentity, SenderKind, SimulatedAttitudeSource};
+use crate::world::attitude_source::AttitudeSourceConfig;
 pub use crate::world::fault_interfaces::AttitudeFault;
 use crate::world::gauss_markov::FirstOrderProcess;
-
-/// Second sender of attitude on the same line, with a roll error.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SecondSender {
-    /// MAVLink system ID of the second sender.
-    pub system_id: u8,
-    /// MAVLink component ID of the second sender.
-    pub component_id: u8,
-    /// Type announced in heartbeats; `None` sends no heartbeats.
-    pub heartbeat_kind: Option<SenderKind>,
-    /// Error of the reported roll, degrees.
-    pub roll_error_deg: f64,
-}
-
-impl SecondSender {
-    /// Task that never returns: sends attitude at the autopilot's rate and latency with independent noise.
-    pub fn run_sender(self, world: &World, uart: HostEnd) -> impl Future<Output = ()> + use<> {
-        let Self { system_id, component_id, heartbeat_kind, roll_error_deg } = self;
-        let config = world.world_config();
-        let source =
-            SimulatedAttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
-        let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0, 0.0]);
-        source.with_identity(SenderIdentity { system_id, component_id, heartbeat_kind }).run_source(
-            world.clone(),
-            uart,
-            vec![Box::new(bias)],
-        )
-    }
-}
 
 fn change_messages_while_on(switch: FaultSwitch, mut change: impl FnMut(&mut ATTITUDE_DATA)) -> impl AttitudeFault {
     move |now_us: u64, message: &mut ATTITUDE_DATA| {

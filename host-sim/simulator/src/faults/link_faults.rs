@@ -1,11 +1,11 @@
-//! Faults of the link to the autopilot: an autopilot that pauses, another vehicle, and forged messages on the same
-//! line.
+//! Faults of the link to the autopilot: an autopilot that pauses, other senders and forged messages on the same line.
 
 use std::pin::Pin;
 
 use embassy_time::{Duration, Timer};
 use testkit::clock;
 
+use super::attitude::attitude_bias;
 use super::fault_switch::FaultSwitch;
 use crate::devices::uart::HostEnd;
 use crate::world::attitude_source::{SenderIdentity, SenderKind, SimulatedAttitudeSource};
@@ -23,6 +23,8 @@ pub enum LinkFault {
     /// Another vehicle flies circles; its autopilot sends heartbeats and attitude with this system ID from the
     /// beginning.
     OtherVehicle(u8),
+    /// Another sender reports the vehicle's attitude, with an error of the roll, degrees, from the beginning.
+    SecondSender(SenderIdentity, f64),
     /// Forged messages that name the autopilot as their sender, ten a second while the switch is on.
     Forged(FaultSwitch, ForgedMessage),
 }
@@ -45,6 +47,9 @@ impl LinkFault {
         match self {
             Self::Pause(switch) => Box::pin(pause_link(switch, world)),
             Self::OtherVehicle(system_id) => Box::pin(simulate_other_vehicle(system_id, world, uart)),
+            Self::SecondSender(identity, roll_error_deg) => {
+                Box::pin(run_second_sender(identity, roll_error_deg, world, uart))
+            }
             Self::Forged(switch, message) => {
                 Box::pin(send_forged_message(switch, message, world.attitude_source(), uart))
             }
@@ -75,6 +80,14 @@ async fn simulate_other_vehicle(system_id: u8, own_world: World, uart: HostEnd) 
     }
     let identity = SenderIdentity { system_id, component_id: 1, heartbeat_kind: Some(SenderKind::Autopilot) };
     world.attitude_source().with_identity(identity).run_source(world, uart, Vec::new()).await;
+}
+
+/// Sends attitude at the autopilot's rate and latency with independent noise.
+async fn run_second_sender(identity: SenderIdentity, roll_error_deg: f64, world: World, uart: HostEnd) {
+    let config = world.world_config();
+    let source = SimulatedAttitudeSource::new(config.attitude_source, config.gyro, config.seed.wrapping_add(0x5EED));
+    let bias = attitude_bias(FaultSwitch::always_on(), [roll_error_deg.to_radians(), 0.0, 0.0]);
+    source.with_identity(identity).run_source(world, uart, vec![Box::new(bias)]).await;
 }
 
 async fn send_forged_message(

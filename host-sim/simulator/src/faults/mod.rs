@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | magnetometer | `sensor.rs` | measurements and register upsets on the I2C bus |
 //! | gyro and accelerometer | `inertial.rs` | measurements, register upsets and silence of the chip |
-//! | attitude source | `attitude.rs` | modified messages, and additional senders |
-//! | link | `link_faults.rs` | an autopilot that pauses, other vehicles, forged messages |
+//! | attitude source | `attitude.rs` | modified messages |
+//! | link | `link_faults.rs` | an autopilot that pauses, other senders, forged messages |
 //! | field | `field.rs` | hard-iron changes and other fields at the chip |
 //!
 //! Each fault is active while its [`FaultSwitch`] is on, and depends only on its seed and the simulation time.
@@ -32,8 +32,6 @@ pub struct Faults {
     pub inertial_faults: Vec<Box<dyn InertialFault>>,
     /// Faults of the attitude source.
     pub attitude_faults: Vec<Box<dyn attitude::AttitudeFault>>,
-    /// Additional senders of attitude on the same line.
-    pub second_senders: Vec<attitude::SecondSender>,
     /// Faults of the link to the autopilot.
     pub link_faults: Vec<link_faults::LinkFault>,
     /// Field faults, shared with code that needs the true field.

@@ -7,7 +7,7 @@ use autoswing::attitude::AttitudeSource;
 use nalgebra::Vector3;
 use simulator::devices::lsm6dsl::InertialFault;
 use simulator::faults::attitude::{
-    AdditionalLatency, AttitudeFault, FilterAlignment, SecondSender, SourceRestart, SourceSilence, attitude_bias,
+    AdditionalLatency, AttitudeFault, FilterAlignment, SourceRestart, SourceSilence, attitude_bias,
     attitude_quantisation, bank_scale_error, filter_alignment, frozen_attitude, lagging_bank_error, rate_scale_error,
     reversed_pitch, stale_attitude,
 };
@@ -22,7 +22,7 @@ use simulator::random::{RandomStream, StreamPurpose};
 use simulator::routine::{CalibrationRoutine, TurnPlan};
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
-use simulator::world::attitude_source::SenderKind;
+use simulator::world::attitude_source::{SenderIdentity, SenderKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::FarEnd;
 use simulator::world::earth::Earth;
@@ -269,12 +269,8 @@ impl RandomCase {
     /// evaluated.
     pub(super) fn add_second_sender(&mut self, heartbeat_kind: Option<SenderKind>) {
         self.fault_onset = FaultOnset::Always;
-        self.faults.second_senders.push(SecondSender {
-            system_id: 1,
-            component_id: 154,
-            heartbeat_kind,
-            roll_error_deg: 5.0,
-        });
+        let identity = SenderIdentity { system_id: 1, component_id: 154, heartbeat_kind };
+        self.faults.link_faults.push(LinkFault::SecondSender(identity, 5.0));
     }
 
     /// The autopilot pauses for 12 s, longer than a sender's selection is kept on the ground, while another vehicle's
