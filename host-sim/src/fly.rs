@@ -18,7 +18,7 @@ use simulator::mission_report::{mission_json, report_mission};
 use simulator::module::Module;
 use simulator::recording::Recorder;
 use simulator::rig::Rig;
-use simulator::transcript::SolveNotice;
+use simulator::transcript::Refusal;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
 
@@ -251,11 +251,8 @@ fn format_result(options: &FlyOptions, mission_result: &MissionResult) -> String
                 &format!("uncalibrated: {}", errors_text(&mission_result.errors_before.statistics())),
             );
         }
-        Err(SolveNotice::Refused { code, explanation }) => {
+        Err(Refusal { code, explanation }) => {
             append_wrapped(&mut text, "", &format!("the module refused: {code}: {explanation}"));
-        }
-        Err(SolveNotice::Calibrated(expected_error)) => {
-            append_wrapped(&mut text, "", &format!("calibrated, but cal show could not be read: {expected_error}"));
         }
     }
     if let Some(streamed) = &mission_result.streamed_statistics {

@@ -7,7 +7,7 @@ use simulator::module::{Module as _, ModuleRunEnd};
 use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::rig::Rig;
 use simulator::routine::{CalibrationRoutine, TurnPlan};
-use simulator::transcript::{self, ShownCalibration, SolveNotice};
+use simulator::transcript::{self, Refusal, ShownCalibration};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::FarEnd;
@@ -78,7 +78,7 @@ pub fn append_turns(world: &World) {
 }
 
 /// Collects in turns both ways; returns the result of the solve, `None` if the power was cut.
-pub fn fly_turns(rig: &mut Rig) -> Option<SolveNotice> {
+pub fn fly_turns(rig: &mut Rig) -> Option<Result<(), Refusal>> {
     rig.send_console_line("cal start turns");
     append_turns(&rig.world);
     let mut session = String::new();
@@ -104,8 +104,7 @@ pub fn calibrated_rig() -> Rig {
     let flash = CALIBRATED_FLASH.get_or_init(|| {
         let mut rig = Rig::new(WorldConfig::of_table1(3));
         run_for_s(&mut rig, 1.0);
-        let notice = fly_turns(&mut rig);
-        assert!(matches!(notice, Some(SolveNotice::Calibrated(_))), "{notice:?}");
+        assert_eq!(fly_turns(&mut rig), Some(Ok(())));
         rig.flash.flash_contents()
     });
     let mut rig = Rig::new(WorldConfig::of_table1(3));

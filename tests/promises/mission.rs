@@ -4,7 +4,7 @@ use simulator::devices::sensor::SensorModel;
 use simulator::mission::{MissionResult, TurnPlan, fly_mission, fly_mission_of_module};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
-use simulator::transcript::SolveNotice;
+use simulator::transcript::Refusal;
 use simulator::world::WorldConfig;
 use testkit::documents;
 
@@ -187,9 +187,7 @@ fn a_flight_without_turns_or_with_little_bank_is_refused() {
         (WorldConfig::random_world(7), 5.0, 2.0),
     ] {
         let mission_result = fly_mission(world, TurnPlan { bank_deg, circles_per_side }, &mut |_| {});
-        let Err(SolveNotice::Refused { code, explanation }) = &mission_result.calibration_result else {
-            panic!("{:?}", mission_result.calibration_result)
-        };
+        let Refusal { code, explanation } = mission_result.calibration_result.unwrap_err();
         assert_eq!(code, "too-few-samples", "{explanation}");
         assert!(explanation.contains("turns"), "{explanation}");
         assert!(mission_result.streamed_statistics.is_none());

@@ -5,7 +5,7 @@ use simulator::faults::Faults;
 use simulator::faults::attitude::AttitudeFault;
 use simulator::module::Module as _;
 use simulator::rig::Rig;
-use simulator::transcript::{self, SolveNotice};
+use simulator::transcript::{self, Refusal};
 use simulator::world::WorldConfig;
 use simulator::world::autopilot::Leg;
 
@@ -45,9 +45,8 @@ fn refusal_code_and_text(rig: &mut Rig, settings: &[&str], turns: &[(f64, f64)])
         rig.run_for_s(5.0);
         printed += &rig.take_console_output();
     }
-    let notice =
-        transcript::parse_error(&printed).or_else(|| transcript::parse_solve_notice(&printed)).expect("an end");
-    let SolveNotice::Refused { code, explanation } = notice else { panic!("it was calibrated: {notice:?}") };
+    let refusal = transcript::parse_error(&printed).or_else(|| transcript::parse_solve_notice(&printed)?.err());
+    let Refusal { code, explanation } = refusal.unwrap_or_else(|| panic!("not refused: {printed}"));
     let status = full_status(rig);
     let is_shown_later = status.contains(&format!("last solve: {code}: {explanation}\r\n"));
     assert!(is_shown_later || status.contains("last solve: none"), "{status}");

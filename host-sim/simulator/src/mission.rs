@@ -15,7 +15,7 @@ use crate::routine::CalibrationRoutine;
 pub use crate::routine::TurnPlan;
 use log_analysis::score::{ErrorStatistics, within_percent, wrap_180};
 
-use crate::transcript::{self, ShownCalibration, SolveNotice};
+use crate::transcript::{self, Refusal, ShownCalibration};
 use crate::world::autopilot::Leg;
 use crate::world::{TrueState, World, WorldConfig};
 
@@ -120,7 +120,7 @@ pub struct MissionResult {
     /// Settings of the world in which the mission was flown.
     pub world: WorldConfig,
     /// Stored calibration, or the reason of its rejection, as printed on the console.
-    pub calibration_result: Result<ShownCalibration, SolveNotice>,
+    pub calibration_result: Result<ShownCalibration, Refusal>,
     /// Heading errors of an uncalibrated module.
     pub errors_before: HeadingErrors,
     /// Errors with the stored calibration, or of the uncalibrated module without one.
@@ -203,7 +203,7 @@ const MAX_RESTART_S: f64 = 0.5;
 const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
-    fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, SolveNotice> {
+    fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, Refusal> {
         self.module.world().set_armed(true);
         self.fly_leg(MissionStage::TakeOff, routine.take_off);
         let source = self.module.world().world_config().attitude;
@@ -219,17 +219,13 @@ impl<M: Module> Mission<'_, M> {
             }
             self.send_console_line("status");
         }
-        let notice = self.await_solve_notice();
-        match notice {
-            SolveNotice::Calibrated(_) => {
-                transcript::parse_shown_calibration(&self.send_console_line("cal show")).ok_or(notice)
-            }
-            refused @ SolveNotice::Refused { .. } => Err(refused),
-        }
+        self.await_solve_notice()?;
+        transcript::parse_shown_calibration(&self.send_console_line("cal show"))
+            .ok_or_else(|| Refusal::new("unreadable", "cal show could not be read"))
     }
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.
-    fn await_solve_notice(&mut self) -> SolveNotice {
+    fn await_solve_notice(&mut self) -> Result<(), Refusal> {
         let timeout_steps = (SOLVE_TIMEOUT_S / RUN_STEP_S) as usize;
         for step in 0..2 * timeout_steps {
             if let Some(notice) = transcript::parse_solve_notice(&self.transcript) {
@@ -238,13 +234,13 @@ impl<M: Module> Mission<'_, M> {
             if step == timeout_steps
                 && let Some(error) = transcript::parse_error(&self.send_console_line("cal solve"))
             {
-                return error;
+                return Err(error);
             }
             self.progress = (MissionStage::Solve, step as f64 / (2 * timeout_steps) as f64);
             self.advance_one_step();
             self.append_console_output();
         }
-        SolveNotice::new_rejection("silent", "the module did not report the end of its solve")
+        Err(Refusal::new("silent", "the module did not report the end of its solve"))
     }
 
     /// Restarts the module, flies the mission's legs and compares the output with true headings.

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::heading_errors::{BANKS_DEG, HeadingErrors};
 use crate::mission::{self, EvaluatedHeading, MissionResult, RoutineMeasurement};
-use crate::transcript::SolveNotice;
+use crate::transcript::Refusal;
 use crate::world::WorldConfig;
 use crate::world::airframe::AirframeDescription;
 
@@ -54,14 +54,10 @@ pub fn report_mission(mission_result: &MissionResult, origin: &ReportOrigin) -> 
 pub fn mission_json(mission_result: &MissionResult) -> Value {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
     let shown_calibration = mission_result.calibration_result.as_ref().ok();
-    let refusal = match &mission_result.calibration_result {
-        Err(SolveNotice::Refused { code, explanation }) => json!({ "code": code, "words": explanation }),
-        Err(SolveNotice::Calibrated(_)) => json!({ "code": "unreadable", "words": "cal show could not be read" }),
-        Ok(_) => Value::Null,
-    };
+    let refusal = mission_result.calibration_result.as_ref().err();
     let mut figures = json!({
         "accepted": shown_calibration.is_some(),
-        "refusal": refusal,
+        "refusal": refusal.map(|Refusal { code, explanation }| json!({ "code": code, "words": explanation })),
         "method": shown_calibration.map(|shown| &shown.method),
         "coefficients": shown_calibration.map(|shown| coefficients_json(&shown.calibration)),
         "inclination_deg": shown_calibration.map(|shown| shown.calibration.inclination_rad.to_degrees()),
@@ -92,24 +88,22 @@ pub fn airframe_json(world: &WorldConfig) -> Value {
 }
 
 fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
-    let (compass_state, state_word) = match &mission_result.calibration_result {
-        Ok(_) => (CompassState::Good, "Accepted"),
-        Err(_) => (CompassState::Bad, "Refused"),
-    };
-    let text = match &mission_result.calibration_result {
-        Ok(shown) => format!(
-            "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
-            format_number(mission_result.solve_end_s, 0),
-            shown.method,
-            format_number(shown.expected_rms_deg, 2),
-            format_number(mission_result.errors_after.statistics().rms_deg, 2)
-        ),
-        Err(SolveNotice::Refused { code, explanation }) => format!("the module refused: {code}: {explanation}"),
-        Err(SolveNotice::Calibrated(expected_error)) => {
-            format!("calibrated, but cal show could not be read: {expected_error}")
+    let (compass_state, state_word, verdict_text) = match &mission_result.calibration_result {
+        Ok(shown) => {
+            let text = format!(
+                "the module calibrated itself {} s into the flight by {}, expecting {} deg RMS; the true error is {}",
+                format_number(mission_result.solve_end_s, 0),
+                shown.method,
+                format_number(shown.expected_rms_deg, 2),
+                format_number(mission_result.errors_after.statistics().rms_deg, 2)
+            );
+            (CompassState::Good, "Accepted", text)
+        }
+        Err(Refusal { code, explanation }) => {
+            (CompassState::Bad, "Refused", format!("the module refused: {code}: {explanation}"))
         }
     };
-    VerdictLine { compass_state: Some(compass_state), state_word, verdict_text: text }
+    VerdictLine { compass_state: Some(compass_state), state_word, verdict_text }
 }
 
 fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {

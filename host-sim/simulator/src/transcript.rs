@@ -2,49 +2,40 @@
 
 use autoswing::calibration::{Calibration, MotorCurrentInterference};
 
-/// Unsolicited `note` or `error` on the console.
+/// Refusal of a solve: `note refused <code>: ...` or `error <code>: ...`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum SolveNotice {
-    /// `note calibrated: ...` with its text.
-    Calibrated(String),
-    /// `note refused <code>: ...` or `error <code>: ...`.
-    Refused {
-        /// Stable code of the refusal.
-        code: String,
-        /// Explanation of the refusal.
-        explanation: String,
-    },
+pub struct Refusal {
+    /// Stable code of the refusal.
+    pub code: String,
+    /// Explanation of the refusal.
+    pub explanation: String,
 }
 
-impl SolveNotice {
-    /// A refusal with its code and explanation.
-    #[must_use]
-    pub fn new_rejection(code: &str, explanation: &str) -> Self {
-        Self::Refused { code: code.to_owned(), explanation: explanation.to_owned() }
+impl Refusal {
+    pub(crate) fn new(code: &str, explanation: &str) -> Self {
+        Self { code: code.to_owned(), explanation: explanation.to_owned() }
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        text.split_once(": ").map(|(code, explanation)| Self::new(code, explanation))
     }
 }
 
-/// The last note in a transcript that reports the result of a solve.
+/// Result of the last solve that a note in a transcript reports.
 #[must_use]
-pub fn parse_solve_notice(session: &str) -> Option<SolveNotice> {
+pub fn parse_solve_notice(session: &str) -> Option<Result<(), Refusal>> {
     let notes = transcript_lines(session).filter_map(|line| line.strip_prefix("note "));
     let mut outcomes = notes.filter_map(|note| match note.strip_prefix("refused ") {
-        Some(refused) => parse_notice_code(refused),
-        None => note
-            .strip_prefix("calibrated: ")
-            .map(|expected_error_text| SolveNotice::Calibrated(expected_error_text.to_owned())),
+        Some(refused) => Refusal::parse(refused).map(Err),
+        None => note.starts_with("calibrated: ").then_some(Ok(())),
     });
     outcomes.next_back()
 }
 
 /// Finds the error in the console's reply to a command.
 #[must_use]
-pub fn parse_error(reply: &str) -> Option<SolveNotice> {
-    transcript_lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(parse_notice_code)
-}
-
-fn parse_notice_code(text: &str) -> Option<SolveNotice> {
-    text.split_once(": ").map(|(code, explanation)| SolveNotice::new_rejection(code, explanation))
+pub fn parse_error(reply: &str) -> Option<Refusal> {
+    transcript_lines(reply).find_map(|line| line.strip_prefix("error ")).and_then(Refusal::parse)
 }
 
 /// Values printed by the console command `cal show`.
@@ -161,6 +152,6 @@ mod tests {
     #[test]
     fn the_last_note_counts() {
         let transcript = "note refused few-samples: fly more\r\nnote calibrated: number 1\r\n";
-        assert_eq!(parse_solve_notice(transcript), Some(SolveNotice::Calibrated("number 1".to_owned())));
+        assert_eq!(parse_solve_notice(transcript), Some(Ok(())));
     }
 }

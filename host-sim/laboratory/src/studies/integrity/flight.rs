@@ -10,7 +10,7 @@ use simulator::module::{Module, ModuleRunEnd};
 use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::rig::Rig;
-use simulator::transcript::{self, SolveNotice};
+use simulator::transcript;
 use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::FarEnd;
@@ -238,7 +238,7 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
             waited_s = 0.0;
             let printed = rig.send_console_line("cal solve");
             if let Some(error) = transcript::parse_error(&printed) {
-                break error;
+                break Err(error);
             }
             session.push_str(&printed);
         } else if waited_s > SOLVE_TIMEOUT_S {
@@ -246,16 +246,11 @@ fn calibrate(rig: &mut Rig, legs: &[Leg]) -> Result<(transcript::ShownCalibratio
         }
     };
     let at_us = rig.now_us();
-    match notice {
-        SolveNotice::Calibrated(_) => {
-            // Flies the remaining legs of the routine.
-            while rig.world.unfinished_leg_count() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
-            let shown_calibration = transcript::parse_shown_calibration(&rig.send_console_line("cal show"))
-                .ok_or_else(|| "not-shown".to_owned())?;
-            Ok((shown_calibration, at_us))
-        }
-        SolveNotice::Refused { code, .. } => Err(code),
-    }
+    notice.map_err(|refusal| refusal.code)?;
+    // Flies the remaining legs of the routine.
+    while rig.world.unfinished_leg_count() > 0 && rig.run_for_s(RUN_STEP_S) == ModuleRunEnd::Time {}
+    let shown_calibration = transcript::parse_shown_calibration(&rig.send_console_line("cal show"));
+    Ok((shown_calibration.ok_or_else(|| "not-shown".to_owned())?, at_us))
 }
 
 /// Flight after the calibration: optional time on the ground, then legs; evaluates every output sentence. Returns the
