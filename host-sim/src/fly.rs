@@ -13,7 +13,7 @@ use log_analysis::report::ReportOrigin;
 use log_analysis::score::ErrorStatistics;
 use simulator::devices::sensor::SensorModel;
 use simulator::heading_errors::HeadingErrors;
-use simulator::mission::{self, MissionResult, MissionStage, MissionStep, OutputStatistics, TurnPlan};
+use simulator::mission::{self, MissionResult, MissionStep, OutputStatistics, TurnPlan};
 use simulator::mission_report::{mission_json, report_mission};
 use simulator::module::Module;
 use simulator::recording::Recorder;
@@ -192,7 +192,7 @@ fn write_log(path: &Path, recording: &FlightRecording) -> Result<(), CommandFail
 /// Flies with a progress bar for each stage, on the error output if that is a terminal.
 fn fly_mission(module: &mut impl Module, options: &FlyOptions, mut recorder: Option<&mut Recorder>) -> MissionResult {
     const PROGRESS_TICKS: u64 = 1000;
-    let mut current: Option<(MissionStage, ProgressBar)> = None;
+    let mut current: Option<(&'static str, ProgressBar)> = None;
     let plan = TurnPlan { bank_deg: options.bank, circles_per_side: options.circles };
     let mission_result =
         mission::fly_mission_of_module(module, plan, &mut |&MissionStep { stage, done, world, now_us, .. }| {
@@ -201,7 +201,7 @@ fn fly_mission(module: &mut impl Module, options: &FlyOptions, mut recorder: Opt
             }
             if current.as_ref().is_none_or(|(displayed_stage, _)| *displayed_stage != stage) {
                 finish_stage_bar(current.take());
-                let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage.stage_name());
+                let bar = ProgressBar::new(PROGRESS_TICKS).with_message(stage);
                 if let Ok(style) = ProgressStyle::with_template("{msg:24} {bar:40} {percent:>3} %") {
                     bar.set_style(style);
                 }
@@ -215,7 +215,7 @@ fn fly_mission(module: &mut impl Module, options: &FlyOptions, mut recorder: Opt
     mission_result
 }
 
-fn finish_stage_bar(current: Option<(MissionStage, ProgressBar)>) {
+fn finish_stage_bar(current: Option<(&'static str, ProgressBar)>) {
     if let Some((_, bar)) = current {
         bar.finish();
     }

@@ -30,8 +30,8 @@ fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
             assert!(after.rms_deg < 3.0 * calibration.expected_rms_deg, "{vehicle_kind:?} {seed}: {after:?}");
         }
         let headings = mission_result.evaluated_headings;
-        let first_s = headings.first().map_or(f64::NAN, |heading| heading.true_moment.time_s);
-        for heading in headings.iter().filter(|heading| heading.true_moment.time_s > first_s + 10.0) {
+        let first_s = headings.first().map_or(f64::NAN, |heading| heading.true_state.time_s());
+        for heading in headings.iter().filter(|heading| heading.true_state.time_s() > first_s + 10.0) {
             squares += heading.error_deg * heading.error_deg;
             within_two_sigma += f64::from(u8::from(heading.error_deg.abs() < 2.0 * heading.sigma_deg));
             count += 1.0;

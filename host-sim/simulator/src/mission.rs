@@ -4,7 +4,7 @@
 
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{Calibration, Orientation};
-use autoswing::frames::{Field, RollPitch, Sensor};
+use autoswing::frames::{Field, Sensor};
 use serde::Serialize;
 
 use crate::heading_errors::HeadingErrors;
@@ -19,37 +19,14 @@ use crate::transcript::{self, Refusal, ShownCalibration};
 use crate::world::autopilot::Leg;
 use crate::world::{TrueState, World, WorldConfig};
 
-/// Stage of the mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MissionStage {
-    /// Boot and take-off, uncalibrated.
-    TakeOff,
-    /// Part of the calibration routine, with its name.
-    Routine(&'static str),
-    /// The module solves for the calibration, verifies and stores it.
-    Solve,
-    /// Restart, then evaluation of the output on all headings.
-    OutputEvaluation,
-}
-
-impl MissionStage {
-    /// Name in progress messages.
-    #[must_use]
-    pub fn stage_name(self) -> &'static str {
-        match self {
-            Self::TakeOff => "take-off, uncalibrated",
-            Self::Routine(name) => name,
-            Self::Solve => "solve, verify, store",
-            Self::OutputEvaluation => "restart, fly on",
-        }
-    }
-}
+/// Stage before the routine: boot and take-off.
+const TAKE_OFF: &str = "take-off, uncalibrated";
 
 /// A step of a mission: the time has advanced.
 #[derive(Clone, Copy)]
 pub struct MissionStep<'a> {
-    /// Stage of the mission.
-    pub stage: MissionStage,
+    /// Name of the mission's stage, or of the part of the routine.
+    pub stage: &'static str,
     /// Part of the stage that is done, 0 to 1.
     pub done: f64,
     /// The world at present.
@@ -68,31 +45,14 @@ pub struct RoutineMeasurement {
     /// Motor current reported by the autopilot, amperes.
     pub current_a: Option<f32>,
     /// True state at the measurement.
-    pub true_moment: TrueMoment,
-}
-
-/// True state at one time, for the report's plots.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrueMoment {
-    /// Time since the start, seconds.
-    pub time_s: f64,
-    /// Roll and pitch of the vehicle.
-    pub attitude: RollPitch,
-    /// True magnetic heading, degrees.
-    pub heading_deg: f64,
-}
-
-impl TrueMoment {
-    fn from_state(state: &TrueState) -> Self {
-        Self { time_s: state.time_us as f64 / 1e6, attitude: state.attitude(), heading_deg: state.heading_deg() }
-    }
+    pub true_state: TrueState,
 }
 
 /// Heading output after the restart, evaluated at the arrival of its sentence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvaluatedHeading {
     /// True state when the sentence arrived.
-    pub true_moment: TrueMoment,
+    pub true_state: TrueState,
     /// Output heading less true heading, degrees.
     pub error_deg: f64,
     /// Output standard deviation, degrees.
@@ -153,7 +113,7 @@ pub fn fly_mission_of_module(
     let world = module.world().world_config();
     let mut mission = Mission {
         module,
-        progress: (MissionStage::TakeOff, 0.0),
+        progress: (TAKE_OFF, 0.0),
         transcript: String::new(),
         routine_measurements: Vec::new(),
         on_step,
@@ -188,7 +148,7 @@ pub fn fly_mission_of_module(
 struct Mission<'a, M> {
     module: &'a mut M,
     /// Stage, and the part of it that is done.
-    progress: (MissionStage, f64),
+    progress: (&'static str, f64),
     transcript: String,
     routine_measurements: Vec<RoutineMeasurement>,
     on_step: &'a mut dyn FnMut(&MissionStep<'_>),
@@ -205,7 +165,7 @@ const SOLVE_TIMEOUT_S: f64 = 10.0;
 impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, Refusal> {
         self.module.world().set_armed(true);
-        self.fly_leg(MissionStage::TakeOff, routine.take_off);
+        self.fly_leg(TAKE_OFF, routine.take_off);
         let source = self.module.world().world_config().attitude;
         if source != AttitudeSource::Autopilot {
             let (name, _) = AttitudeSource::NAMED_SOURCES[source as usize];
@@ -215,7 +175,7 @@ impl<M: Module> Mission<'_, M> {
         self.send_console_line(routine.start_command);
         for part in &routine.routine_parts {
             for &leg in &part.legs {
-                self.fly_leg(MissionStage::Routine(part.part_name), leg);
+                self.fly_leg(part.part_name, leg);
             }
             self.send_console_line("status");
         }
@@ -236,7 +196,7 @@ impl<M: Module> Mission<'_, M> {
             {
                 return Err(error);
             }
-            self.progress = (MissionStage::Solve, step as f64 / (2 * timeout_steps) as f64);
+            self.progress = ("solve, verify, store", step as f64 / (2 * timeout_steps) as f64);
             self.advance_one_step();
             self.append_console_output();
         }
@@ -255,7 +215,7 @@ impl<M: Module> Mission<'_, M> {
         let mut reader = SentenceReader::default();
         for (done, &leg) in legs.iter().enumerate() {
             self.module.world().append_leg(leg);
-            self.progress = (MissionStage::OutputEvaluation, done as f64 / legs.len() as f64);
+            self.progress = ("restart, fly on", done as f64 / legs.len() as f64);
             while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
                 for timed_byte in self.module.instrument_cable().receive_timed() {
                     let Some(received) =
@@ -265,13 +225,9 @@ impl<M: Module> Mission<'_, M> {
                     };
                     match (received.heading_deg, received.sigma_deg) {
                         (Some(deg), Some(sigma_deg)) => {
-                            let moment =
-                                TrueMoment::from_state(&self.module.world().true_state(timed_byte.arrives_at_us));
-                            evaluated_headings.push(EvaluatedHeading {
-                                true_moment: moment,
-                                error_deg: wrap_180(deg - moment.heading_deg),
-                                sigma_deg,
-                            });
+                            let true_state = self.module.world().true_state(timed_byte.arrives_at_us);
+                            let error_deg = wrap_180(deg - true_state.heading_deg());
+                            evaluated_headings.push(EvaluatedHeading { true_state, error_deg, sigma_deg });
                         }
                         _ => empty += 1,
                     }
@@ -288,20 +244,16 @@ impl<M: Module> Mission<'_, M> {
     }
 
     /// Flies a leg; records measurements during the routine.
-    fn fly_leg(&mut self, stage: MissionStage, leg: Leg) {
+    fn fly_leg(&mut self, stage: &'static str, leg: Leg) {
         let start_state = self.module.world().true_state(self.module.now_us());
         self.module.world().append_leg(leg);
         while self.module.world().unfinished_leg_count() > 0 && self.advance_one_step() {
             self.append_console_output();
             let now = self.module.world().true_state(self.module.now_us());
-            if matches!(stage, MissionStage::Routine(_)) {
+            if stage != TAKE_OFF {
                 let field = self.module.world().sensor_field(now.time_us);
                 let current_a = self.module.world().reported_current_a(now.time_us).map(|amperes| amperes as f32);
-                self.routine_measurements.push(RoutineMeasurement {
-                    field,
-                    current_a,
-                    true_moment: TrueMoment::from_state(&now),
-                });
+                self.routine_measurements.push(RoutineMeasurement { field, current_a, true_state: now });
             }
             let done = match leg {
                 Leg::Straight { seconds, .. } | Leg::Hover { seconds } | Leg::Tilt { seconds, .. } => {

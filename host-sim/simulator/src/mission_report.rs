@@ -12,10 +12,10 @@ use log_analysis::score::{ErrorStatistics, wrap_180};
 use serde_json::{Value, json};
 
 use crate::heading_errors::{BANKS_DEG, HeadingErrors};
-use crate::mission::{self, EvaluatedHeading, MissionResult, RoutineMeasurement};
+use crate::mission::{EvaluatedHeading, MissionResult, RoutineMeasurement};
 use crate::transcript::Refusal;
-use crate::world::WorldConfig;
 use crate::world::airframe::AirframeDescription;
+use crate::world::{TrueState, WorldConfig};
 
 /// Makes the report of a mission.
 #[must_use]
@@ -218,12 +218,12 @@ fn deviation_curves(errors: &HeadingErrors) -> Vec<DeviationCurve> {
         .collect()
 }
 
-fn report_sample(true_moment: &mission::TrueMoment) -> ReportSample {
+fn report_sample(true_state: &TrueState) -> ReportSample {
     ReportSample {
-        time_s: true_moment.time_s,
-        heading_deg: Some(true_moment.heading_deg),
-        roll_deg: f64::from(true_moment.attitude.roll_rad.to_degrees()),
-        pitch_deg: f64::from(true_moment.attitude.pitch_rad.to_degrees()),
+        time_s: true_state.time_s(),
+        heading_deg: Some(true_state.heading_deg()),
+        roll_deg: f64::from(true_state.attitude().roll_rad.to_degrees()),
+        pitch_deg: f64::from(true_state.attitude().pitch_rad.to_degrees()),
         is_usable: true,
         ..ReportSample::default()
     }
@@ -235,14 +235,15 @@ fn collected_sample(measurement: &RoutineMeasurement, calibration: Option<&Calib
         applied.calibrated_field(applied.remove_motor_current(measurement.field, measurement.current_a))
     };
     let before = corrected(&Calibration::uncalibrated(Orientation::IDENTITY_ROTATION));
-    let before_deg = f64::from(measurement.true_moment.attitude.to_level_frame(before).heading_rad().to_degrees());
+    let attitude = measurement.true_state.attitude();
+    let before_deg = f64::from(attitude.to_level_frame(before).heading_rad().to_degrees());
     let body_ut = |field: Field<Body>| field.ut.map(f64::from).into();
     ReportSample {
         raw_ut: Some(body_ut(before)),
         corrected_ut: calibration.map(|applied| body_ut(corrected(applied))),
         current_a: measurement.current_a.map(f64::from),
-        error_before_deg: Some(wrap_180(before_deg - measurement.true_moment.heading_deg)),
-        ..report_sample(&measurement.true_moment)
+        error_before_deg: Some(wrap_180(before_deg - measurement.true_state.heading_deg())),
+        ..report_sample(&measurement.true_state)
     }
 }
 
@@ -251,7 +252,7 @@ fn streamed_sample(heading: &EvaluatedHeading) -> ReportSample {
     ReportSample {
         error_deg: Some(heading.error_deg),
         sigma_deg: Some(heading.sigma_deg),
-        ..report_sample(&heading.true_moment)
+        ..report_sample(&heading.true_state)
     }
 }
 

@@ -259,7 +259,7 @@ mod tests {
         while aircraft.autopilot().unfinished_leg_count() > 0 && aircraft.true_state().time_us < 1_000_000_000 {
             aircraft.advance_step();
         }
-        aircraft.true_state().time_us as f64 / 1e6
+        aircraft.true_state().time_s()
     }
 
     /// Limited by battery capacity. Three circles suffice for an aeroplane.

@@ -100,7 +100,7 @@ fn flight_step(step: &MissionStep<'_>, calibration: Option<Calibration>) -> Flig
     let horizontal_ut = |applied: &Calibration| [level_field(applied).ut.x, level_field(applied).ut.y];
     let uncalibrated = Calibration::uncalibrated(Orientation::IDENTITY_ROTATION);
     FlightStep {
-        stage: step.stage.stage_name(),
+        stage: step.stage,
         done: step.done,
         heading_deg: state.heading_deg(),
         roll_deg: f64::from(state.attitude().roll_rad.to_degrees()),

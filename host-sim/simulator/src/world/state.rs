@@ -43,6 +43,12 @@ pub struct TrueState {
 pub const CRUISE_CURRENT_A: f64 = 15.0;
 
 impl TrueState {
+    /// Simulation time, seconds.
+    #[must_use]
+    pub fn time_s(&self) -> f64 {
+        self.time_us as f64 / 1e6
+    }
+
     /// Motor current, amperes.
     #[must_use]
     pub fn current_a(&self) -> f64 {

@@ -56,8 +56,7 @@ impl Hand {
             self.tilt_rate_rad_s[axis] += acceleration * STEP_S;
             self.tilt_rad[axis] += self.tilt_rate_rad_s[axis] * STEP_S;
         }
-        let time_s = previous_state.time_us as f64 / 1e6;
-        let sine = |period_s: f64| libm::sin(TAU * time_s / period_s);
+        let sine = |period_s: f64| libm::sin(TAU * previous_state.time_s() / period_s);
         let [roll_rad, pitch_rad] =
             [0, 1].map(|axis| self.tilt_rad[axis] + UNSTEADINESS_DEG.to_radians() * sine(UNSTEADINESS_PERIODS_S[axis]));
         let [north_m_s, east_m_s] = SWAY_PERIODS_S.map(|period_s| SWAY_M_S * sine(period_s));

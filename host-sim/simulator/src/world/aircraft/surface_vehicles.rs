@@ -213,7 +213,7 @@ impl Boat {
 
     pub fn next_motion(&mut self, command: VehicleCommand, previous_state: &TrueState) -> TrueState {
         self.turn.advance(command);
-        let time_s = previous_state.time_us as f64 / 1e6;
+        let time_s = previous_state.time_s();
         let place_m = [previous_state.north_m, previous_state.east_m];
         let slope = self.water.surface_slope(place_m, time_s);
         let water_m_s = self.water.orbital_velocity(place_m, time_s);

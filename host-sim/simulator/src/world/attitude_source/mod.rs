@@ -234,8 +234,7 @@ impl SimulatedAttitudeSource {
     }
 
     fn yaw_rad(&self, truth: &TrueState) -> f64 {
-        let seconds = truth.time_us as f64 / 1e6;
-        let error_deg = self.config.yaw_offset_deg + self.config.yaw_drift_deg_s * seconds;
+        let error_deg = self.config.yaw_offset_deg + self.config.yaw_drift_deg_s * truth.time_s();
         match self.config.yaw {
             ReportedYaw::Drifting => (truth.heading_rad + error_deg.to_radians() + PI).rem_euclid(TAU) - PI,
             ReportedYaw::Absent => f64::NAN,
