@@ -106,62 +106,44 @@ fn verdict_line(mission_result: &MissionResult) -> VerdictLine {
     VerdictLine { compass_state: Some(compass_state), state_word, verdict_text }
 }
 
+/// Degrees with two decimals.
+fn degrees_text(degrees: f64) -> String {
+    format!("{} deg", format_number(degrees, 2))
+}
+
 fn key_figures(mission_result: &MissionResult) -> Vec<[String; 2]> {
     let (before, after) = (mission_result.errors_before.statistics(), mission_result.errors_after.statistics());
-    let mut figures = vec![["before: largest error".to_owned(), format!("{} deg", format_number(before.max_deg, 2))]];
+    let mut figures = vec![["before: largest error".to_owned(), degrees_text(before.max_deg)]];
     if let Ok(shown_calibration) = &mission_result.calibration_result {
-        figures.push(["after: largest error".to_owned(), format!("{} deg", format_number(after.max_deg, 2))]);
-        figures.push(["after: RMS".to_owned(), format!("{} deg", format_number(after.rms_deg, 2))]);
-        figures.push([
-            "expected: RMS".to_owned(),
-            format!("{} deg", format_number(shown_calibration.expected_rms_deg, 2)),
-        ]);
+        figures.push(["after: largest error".to_owned(), degrees_text(after.max_deg)]);
+        figures.push(["after: RMS".to_owned(), degrees_text(after.rms_deg)]);
+        figures.push(["expected: RMS".to_owned(), degrees_text(shown_calibration.expected_rms_deg)]);
     }
     if let Some(streamed) = &mission_result.streamed_statistics {
-        figures.push(["streamed in flight: RMS".to_owned(), format!("{} deg", format_number(streamed.rms_deg, 2))]);
-        let [one, two] = streamed.within_percent;
-        figures.push([
-            "within 1 and 2 sigma".to_owned(),
-            format!("{} and {} %", format_number(one, 0), format_number(two, 0)),
-        ]);
+        figures.push(["streamed in flight: RMS".to_owned(), degrees_text(streamed.rms_deg)]);
+        let [one, two] = streamed.within_percent.map(|percent| format_number(percent, 0));
+        figures.push(["within 1 and 2 sigma".to_owned(), format!("{one} and {two} %")]);
     }
     figures
 }
 
 fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
-    let calibration =
-        mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.calibration);
+    let shown_calibration = mission_result.calibration_result.as_ref().ok();
+    let calibration = shown_calibration.map(|shown| shown.calibration);
     let measurements = mission_result
         .routine_measurements
         .iter()
         .map(|measurement| collected_sample(measurement, calibration.as_ref()));
-    let moments = measurements.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect();
-    let mut facts = summary_table(mission_result);
-    if let Ok(shown_calibration) = &mission_result.calibration_result {
-        let Calibration { total_ut, inclination_rad, .. } = shown_calibration.calibration;
-        facts.push(["field".to_owned(), format!("{} uT", format_number(f64::from(total_ut), 2))]);
-        let inclination_deg = f64::from(inclination_rad.to_degrees());
-        facts.push(["inclination".to_owned(), format!("{} deg", format_number(inclination_deg, 2))]);
-        let worst_error_text = format_number(shown_calibration.expected_worst_deg, 2);
-        facts.push(["sigma at the worst heading".to_owned(), format!("{worst_error_text} deg")]);
-    }
-    let expected_deg =
-        mission_result.calibration_result.as_ref().ok().map(|shown_calibration| shown_calibration.expected_rms_deg);
     CompassReport {
         compass_name: "The module's compass".to_owned(),
-        facts,
+        facts: summary_table(mission_result),
         curves_before: deviation_curves(&mission_result.errors_before),
-        curves_after: if mission_result.calibration_result.is_ok() {
-            deviation_curves(&mission_result.errors_after)
-        } else {
-            Vec::new()
-        },
-        sigma_by_heading_deg: expected_deg.map_or_else(Vec::new, |rms_deg| vec![rms_deg; 12]),
-        samples: moments,
+        curves_after: shown_calibration.map_or_else(Vec::new, |_| deviation_curves(&mission_result.errors_after)),
+        sigma_by_heading_deg: shown_calibration.map_or_else(Vec::new, |shown| vec![shown.expected_rms_deg; 12]),
+        samples: measurements.chain(mission_result.evaluated_headings.iter().map(streamed_sample)).collect(),
         event_marks: vec![EventMark {
             time_s: mission_result.solve_end_s,
-            event_name: if mission_result.calibration_result.is_ok() { "calibrated, restarted" } else { "refused" }
-                .to_owned(),
+            event_name: shown_calibration.map_or("refused", |_| "calibrated, restarted").to_owned(),
         }],
         before_correction_name: "uncorrected",
         corrected_by: "by the module",
@@ -176,11 +158,11 @@ fn mission_compass_report(mission_result: &MissionResult) -> CompassReport {
 fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
     let statistics_text = |statistics: ErrorStatistics| {
         format!(
-            "largest {}, RMS {}, constant {}, largest less constant {} deg",
+            "largest {}, RMS {}, constant {}, largest less constant {}",
             format_number(statistics.max_deg, 2),
             format_number(statistics.rms_deg, 2),
             format_number(statistics.mean_deg, 2),
-            format_number(statistics.max_demeaned_deg, 2)
+            degrees_text(statistics.max_demeaned_deg)
         )
     };
     let mut facts = vec![["before".to_owned(), statistics_text(mission_result.errors_before.statistics())]];
@@ -191,12 +173,18 @@ fn summary_table(mission_result: &MissionResult) -> Vec<[String; 2]> {
         facts.push([
             "streamed in flight, attitude noise and age included".to_owned(),
             format!(
-                "{} headings, largest {}, RMS {} deg",
+                "{} headings, largest {}, RMS {}",
                 streamed.headings,
                 format_number(streamed.max_deg, 2),
-                format_number(streamed.rms_deg, 2)
+                degrees_text(streamed.rms_deg)
             ),
         ]);
+    }
+    if let Ok(shown_calibration) = &mission_result.calibration_result {
+        let Calibration { total_ut, inclination_rad, .. } = shown_calibration.calibration;
+        facts.push(["field".to_owned(), format!("{} uT", format_number(f64::from(total_ut), 2))]);
+        facts.push(["inclination".to_owned(), degrees_text(f64::from(inclination_rad.to_degrees()))]);
+        facts.push(["sigma at the worst heading".to_owned(), degrees_text(shown_calibration.expected_worst_deg)]);
     }
     facts
 }
@@ -207,15 +195,12 @@ fn deviation_curves(errors: &HeadingErrors) -> Vec<DeviationCurve> {
         right if right > 0.0 => format!("right {right:.0}"),
         left => format!("left {:.0}", -left),
     };
-    BANKS_DEG
-        .iter()
-        .zip(&errors.0)
-        .map(|(bank_deg, errors)| DeviationCurve {
-            curve_name: name(*bank_deg),
-            errors_deg: errors.iter().copied().map(Some).collect(),
-            constant_deg: 0.0,
-        })
-        .collect()
+    let curve = |(bank_deg, errors_deg): (f64, &[f64; 12])| DeviationCurve {
+        curve_name: name(bank_deg),
+        errors_deg: errors_deg.map(Some).to_vec(),
+        constant_deg: 0.0,
+    };
+    BANKS_DEG.into_iter().zip(&errors.0).map(curve).collect()
 }
 
 fn report_sample(true_state: &TrueState) -> ReportSample {
