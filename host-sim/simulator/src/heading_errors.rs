@@ -67,7 +67,7 @@ mod tests {
     /// Without a reported current it assumes the mean current; a mean of zero leaves the interference of 12 uT.
     #[test]
     fn motor_current_interference_is_scored_by_the_reported_current() {
-        let world = WorldConfig { airframe: Airframe::without_iron(), ..WorldConfig::random_world(1) };
+        let world = WorldConfig { airframe: Airframe::default(), ..WorldConfig::random_world(1) };
         let mut world = world.with_current_interference(12.0);
         let calibration = |mean_a: f32| Calibration {
             motor_current: MotorCurrentInterference {

@@ -268,7 +268,7 @@ fn hysteresis_depends_on_the_side_of_the_last_turn() {
         (iron.steady_field_ut(&banked(25.0)) - iron.lag_field_ut(&banked(25.0), 75_f64.to_radians())).norm() < 1e-9
     );
     assert!(iron.steady_field_ut(&banked(0.0)).norm() < 1e-9 && lag_ut(90.0, 75.0).norm() > 0.1);
-    let hysteresis_without_iron = SoftIronHysteresis::new(&Airframe::without_iron(), Earth::default(), 15.0);
+    let hysteresis_without_iron = SoftIronHysteresis::new(&Airframe::default(), Earth::default(), 15.0);
     assert!(hysteresis_without_iron.steady_field_ut(&banked(25.0)).norm() < 1e-9);
 }
 
@@ -288,7 +288,7 @@ fn a_lagging_linkage_follows_the_elevator() {
 #[test]
 fn hysteresis_of_an_axis_keeps_the_field_of_before_by_its_play() {
     let earth = Earth { total_ut: 25.0, inclination_deg: 36.87 };
-    let iron = AxisHysteresis::new(&Airframe::without_iron(), earth, 0.1, 5.0);
+    let iron = AxisHysteresis::new(&Airframe::default(), earth, 0.1, 5.0);
     let heading = |heading_deg: f64| TrueState { heading_rad: heading_deg.to_radians(), ..TrueState::default() };
     for heading_deg in 0..=720 {
         iron.added_field_ut(&heading(f64::from(heading_deg)));

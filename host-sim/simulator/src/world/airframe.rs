@@ -3,7 +3,7 @@
 use autoswing::calibration::{Calibration, MotorCurrentInterference};
 use autoswing::frames::{Field, Sensor};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::earth::Earth;
 use super::published_table1;
@@ -19,7 +19,8 @@ const MAX_RANDOM_HARD_IRON: f64 = 1.5;
 const MAX_RANDOM_MOUNTING_DEG: f64 = 10.0;
 
 /// Linear map from the field in body axes to the measurement.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(from = "AirframeDescription")]
 pub struct Airframe {
     /// `A`, dimensionless, body axes to chip axes: soft iron, then mounting.
     pub field_matrix: Matrix3<f64>,
@@ -27,8 +28,15 @@ pub struct Airframe {
     pub hard_iron_ut: Vector3<f64>,
 }
 
+impl Default for Airframe {
+    /// No soft or hard iron, chip axes equal to body axes.
+    fn default() -> Self {
+        Self { field_matrix: Matrix3::identity(), hard_iron_ut: Vector3::zeros() }
+    }
+}
+
 /// Airframe in a scenario file: `A = mounting * soft_iron`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AirframeDescription {
     /// Soft-iron matrix by rows, dimensionless, body axes; the unit matrix means none.
@@ -67,12 +75,6 @@ impl From<&Airframe> for AirframeDescription {
 }
 
 impl Airframe {
-    /// No soft or hard iron, chip axes equal to body axes.
-    #[must_use]
-    pub fn without_iron() -> Self {
-        Self { field_matrix: Matrix3::identity(), hard_iron_ut: Vector3::zeros() }
-    }
-
     /// Aircraft of Liu 2007 table 1 (see [`published_table1`]).
     #[must_use]
     pub fn of_table1() -> Self {

@@ -3,63 +3,61 @@
 use std::fmt;
 
 use autoswing::attitude::AttitudeSource;
+use log_analysis::numbers::round_to;
 use serde::Deserialize;
 
-use super::aircraft::VehicleKind;
+use super::aircraft::{VehicleConfig, VehicleKind};
 use super::airframe::{Airframe, AirframeDescription};
+use super::attitude_source::AttitudeSourceConfig;
 use super::earth::Earth;
 use super::gyro::GyroConfig;
 use super::weather::Weather;
-use super::{aircraft, attitude_source};
 use crate::devices::sensor::SensorModel;
 use crate::random::{RandomStream, StreamPurpose};
 
 /// All settings of a world. Equal settings and seeds give equal worlds.
-#[derive(Clone, Copy, Debug, PartialEq)]
+///
+/// An airframe file has the tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`,
+/// `[gyro]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct WorldConfig {
     /// Seed of all random streams.
+    #[serde(skip)]
     pub seed: u64,
     /// Soft iron, hard iron and sensor mounting.
     pub airframe: Airframe,
     /// Earth's field at the place of the flight.
+    #[serde(default)]
     pub earth: Earth,
     /// Motion settings of the vehicle.
-    pub aircraft: aircraft::VehicleConfig,
+    #[serde(default)]
+    pub aircraft: VehicleConfig,
     /// Wind and turbulence.
+    #[serde(default)]
     pub weather: Weather,
     /// Error model of the attitude source.
-    pub attitude_source: attitude_source::AttitudeSourceConfig,
+    #[serde(default)]
+    pub attitude_source: AttitudeSourceConfig,
     /// Error model of the autopilot's gyro.
+    #[serde(default)]
     pub gyro: GyroConfig,
     /// Motor-current interference at cruise or hover current, chip axes, microtesla.
+    #[serde(skip)]
     pub current_interference_ut: [f64; 3],
     /// Whether the autopilot measures and reports the motor current.
+    #[serde(skip)]
     pub reports_current: bool,
     /// Magnetometer of the module.
+    #[serde(skip)]
     pub sensor: SensorModel,
     /// Source of the module's attitude: of the autopilot alone, and the module has no gyro; of its own gyro, and there is no
     /// autopilot; or of both.
+    #[serde(skip)]
     pub attitude: AttitudeSource,
     /// Whether an attitude source that answers no requests reports position and date, in Xi'an.
+    #[serde(skip)]
     pub reports_position: bool,
-}
-
-/// Airframe file: tables `[airframe]` (required), `[earth]`, `[aircraft]`, `[weather]`, `[attitude_source]`,
-/// `[gyro]`.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct AirframeFile {
-    airframe: AirframeDescription,
-    #[serde(default)]
-    earth: Earth,
-    #[serde(default)]
-    aircraft: aircraft::VehicleConfig,
-    #[serde(default)]
-    weather: Weather,
-    #[serde(default)]
-    attitude_source: attitude_source::AttitudeSourceConfig,
-    #[serde(default)]
-    gyro: GyroConfig,
 }
 
 /// Reason why settings were rejected.
@@ -108,14 +106,14 @@ impl WorldConfig {
     /// Aircraft of Liu 2007 table 1 over Xi'an.
     #[must_use]
     pub fn of_table1(seed: u64) -> Self {
-        Self::with_defaults(seed, Airframe::of_table1(), Earth::default())
+        Self { seed, airframe: Airframe::of_table1(), ..Self::default() }
     }
 
     /// Airframe and place drawn from the seed.
     #[must_use]
     pub fn random_world(seed: u64) -> Self {
         let earth = Earth::random_earth(seed);
-        Self::with_defaults(seed, Airframe::random_airframe(seed, &earth), earth)
+        Self { seed, airframe: Airframe::random_airframe(seed, &earth), earth, ..Self::default() }
     }
 
     /// Parses the text of an airframe file (format: `host-sim/airframes/example.toml`).
@@ -124,30 +122,10 @@ impl WorldConfig {
     ///
     /// [`ConfigError::Format`] and [`ConfigError::OutOfRange`].
     pub fn from_toml(text: &str, seed: u64) -> Result<Self, ConfigError> {
-        let file: AirframeFile = toml::from_str(text).map_err(|error| ConfigError::Format(error.to_string()))?;
-        let AirframeFile { airframe, earth, aircraft, weather, attitude_source, gyro } = file;
-        let defaults = Self::with_defaults(seed, airframe.into(), earth);
-        let config = Self { aircraft, weather, attitude_source, gyro, ..defaults };
+        let file: Self = toml::from_str(text).map_err(|error| ConfigError::Format(error.to_string()))?;
+        let config = Self { seed, ..file };
         config.validate()?;
         Ok(config)
-    }
-
-    #[must_use]
-    fn with_defaults(seed: u64, airframe: Airframe, earth: Earth) -> Self {
-        Self {
-            seed,
-            airframe,
-            earth,
-            aircraft: aircraft::VehicleConfig::default(),
-            weather: Weather::default(),
-            attitude_source: attitude_source::AttitudeSourceConfig::default(),
-            gyro: GyroConfig::default(),
-            current_interference_ut: [0.0; 3],
-            reports_current: false,
-            sensor: SensorModel::default(),
-            reports_position: false,
-            attitude: AttitudeSource::Autopilot,
-        }
     }
 
     /// The same world with another vehicle kind and the attitude errors typical for that kind.
@@ -156,13 +134,9 @@ impl WorldConfig {
         if vehicle_kind == self.aircraft.kind {
             return self;
         }
-        let aircraft = aircraft::VehicleConfig { kind: vehicle_kind, ..self.aircraft };
+        let aircraft = VehicleConfig { kind: vehicle_kind, ..self.aircraft };
         let push_error_deg = vehicle_kind.tilt_error_deg_per_m_s2();
-        Self {
-            aircraft,
-            attitude_source: attitude_source::AttitudeSourceConfig { push_error_deg, ..self.attitude_source },
-            ..self
-        }
+        Self { aircraft, attitude_source: AttitudeSourceConfig { push_error_deg, ..self.attitude_source }, ..self }
     }
 
     /// The same world with motor-current interference of this magnitude (microtesla) in a random direction.
@@ -178,15 +152,12 @@ impl WorldConfig {
     pub fn airframe_toml(&self) -> String {
         let AirframeDescription { soft_iron, hard_iron_ut, mounting_deg } = AirframeDescription::from(&self.airframe);
         let numbers = |values: [f64; 3], decimals: u8| {
-            // Adding 0.0 turns a rounded -0.0 into 0.0.
-            let scale = libm::pow(10.0, f64::from(decimals));
-            let decimals = usize::from(decimals);
-            let [x, y, z] = values.map(|value| (value * scale).round() / scale + 0.0);
-            format!("[{x:.decimals$}, {y:.decimals$}, {z:.decimals$}]")
+            let ([x, y, z], digits) = (values.map(|value| round_to(value, decimals.into())), usize::from(decimals));
+            format!("[{x:.digits$}, {y:.digits$}, {z:.digits$}]")
         };
         let [x, y, z] = soft_iron.map(|row| numbers(row, 4));
         let (hard_iron, mounting) = (numbers(hard_iron_ut, 2), numbers(mounting_deg, 2));
-        let Earth { total_ut, inclination_deg, .. } = self.earth;
+        let Earth { total_ut, inclination_deg } = self.earth;
         format!(
             "[airframe]\nsoft_iron = [\n    {x},\n    {y},\n    {z},\n]\nhard_iron_ut = {hard_iron}\nmounting_deg = {mounting}\n\n\
              [earth]\ntotal_ut = {total_ut:.2}\ninclination_deg = {inclination_deg:.2}\n"

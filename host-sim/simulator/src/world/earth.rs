@@ -3,13 +3,13 @@
 
 use log_analysis::numbers::square;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::rotation::Euler;
 use crate::random::{RandomStream, StreamPurpose};
 
 /// Magnetic field at the place of the flight.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Earth {
     /// Total intensity, microtesla.

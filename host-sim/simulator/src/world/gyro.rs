@@ -14,7 +14,7 @@
 //! | ICM-42688-P (DS-000347) | 0.5 % | 1.25 % | 0.5 | 0.0028 deg/s/sqrt(Hz) | - |
 
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::gauss_markov::FirstOrderProcess;
 use super::state::TrueState;
@@ -22,7 +22,7 @@ use crate::random::{RandomStream, StreamPurpose};
 
 /// Standard deviations of the errors of a gyro; the seed draws one gyro of this class. The default is the class
 /// `gyro-1`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GyroConfig {
     /// Standard deviation of the scale error of each axis and of each of the six cross-axis sensitivities, percent.

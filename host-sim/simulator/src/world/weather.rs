@@ -1,9 +1,9 @@
 //! Wind and turbulence settings.
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 /// Wind and turbulence. Default: calm to light.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Weather {
     /// Mean wind speed, metres per second.

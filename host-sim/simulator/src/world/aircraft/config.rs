@@ -1,9 +1,9 @@
 //! Vehicle kinds and their motion settings.
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 /// Kind of vehicle that carries the compass.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VehicleKind {
     /// Aeroplane: turns by banking.
@@ -74,7 +74,7 @@ impl VehicleKind {
 }
 
 /// Motion settings of the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VehicleConfig {
     /// Vehicle kind.

@@ -6,7 +6,7 @@ use mavlink_dialect::{
     ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MAVLinkV2MessageRaw, MavAutopilot, MavHeader, MavModeFlag,
     MavState, MavSysStatusSensor, MavType, MessageData, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::aircraft;
 use super::earth::{ReportedPosition, START_UNIX_US};
@@ -48,7 +48,7 @@ pub(super) const STATUS_PERIOD_US: u64 = 100_000;
 const TILT_ERROR_CORRELATION_TIME_S: f64 = 2.0;
 
 /// Reported yaw; never the true heading, because the module must not depend on it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ReportedYaw {
     /// Gyro yaw with an offset that grows linearly.
@@ -58,7 +58,7 @@ pub enum ReportedYaw {
 }
 
 /// Error model of the attitude source.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AttitudeSourceConfig {
     /// Attitude messages per second.
