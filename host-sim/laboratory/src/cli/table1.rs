@@ -2,12 +2,13 @@
 
 use std::process::ExitCode;
 
-use crate::studies::paper_experiment::{self, MethodErrors, PaperExperiment};
+use crate::studies::paper_experiment::{self, PaperExperiment};
 use clap::Args;
 use comfy_table::Table;
+use log_analysis::numbers::format_number;
 use log_analysis::score::ErrorStatistics;
 use serde_json::{Value, json};
-use simulator::world::published_table1::{self, BankErrors, PublishedRow};
+use simulator::world::published_table1::{HEADING_COUNT, MethodErrors, published_errors};
 
 use host_sim::command_failure::CommandFailure;
 use host_sim::option_parsers::integer_in_range;
@@ -53,20 +54,6 @@ pub fn run_table1(options: &Table1Options) -> Result<ExitCode, CommandFailure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn published_errors() -> [MethodErrors; 3] {
-    let rows = published_table1::published_rows();
-    let column = |name, errors_of: fn(&PublishedRow) -> BankErrors| MethodErrors {
-        name,
-        right_deg: rows.map(|row| errors_of(&row).right_deg),
-        left_deg: rows.map(|row| errors_of(&row).left_deg),
-    };
-    [
-        column("before", |row| row.uncompensated),
-        column("reference", |row| row.known_heading_method),
-        column("four ellipses", |row| row.four_ellipse),
-    ]
-}
-
 fn json_figures(columns: &[MethodErrors]) -> Value {
     columns.iter().map(|column| (column.name.replace(' ', "_"), json!(column.error_statistics()))).collect()
 }
@@ -74,10 +61,9 @@ fn json_figures(columns: &[MethodErrors]) -> Value {
 fn errors_table(columns: &[MethodErrors]) -> Table {
     let names = columns.iter().map(|column| column.name.replace(' ', "\n"));
     let mut table = narrow_table(std::iter::once("heading".to_owned()).chain(names));
-    for row in 0..paper_experiment::HEADING_COUNT {
+    for row in 0..HEADING_COUNT {
         let cells = columns.iter().map(|column| {
-            let BankErrors { right_deg, left_deg } = column.bank_errors(row);
-            format!("{} / {}", format_two_decimals(right_deg), format_two_decimals(left_deg))
+            format!("{} / {}", format_number(column.right_deg[row], 2), format_number(column.left_deg[row], 2))
         });
         table.add_row(std::iter::once((row * 30).to_string()).chain(cells).map(right_aligned));
     }
@@ -99,16 +85,5 @@ fn summary_text(published_errors: &[MethodErrors], noise_free: &[MethodErrors], 
 
 fn format_errors(column: &MethodErrors) -> String {
     let ErrorStatistics { max_deg, mean_deg, max_demeaned_deg, .. } = column.error_statistics();
-    format!(
-        "{}  {}  {}",
-        format_two_decimals(max_deg),
-        format_two_decimals(mean_deg),
-        format_two_decimals(max_demeaned_deg)
-    )
-}
-
-/// Formats a number with two decimals, without a minus sign before zero.
-fn format_two_decimals(value: f64) -> String {
-    let text = format!("{value:.2}");
-    if text == "-0.00" { "0.00".to_owned() } else { text }
+    format!("{}  {}  {}", format_number(max_deg, 2), format_number(mean_deg, 2), format_number(max_demeaned_deg, 2))
 }

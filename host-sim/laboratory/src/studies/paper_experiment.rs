@@ -8,17 +8,13 @@ use autoswing::frames::{Field, RollPitch};
 use autoswing::instrument::readings_per_sample;
 use autoswing::time::WrappingMillis;
 use nalgebra::Vector3;
-use serde::Serialize;
 
-use log_analysis::score::{ErrorStatistics, wrap_180};
+use log_analysis::score::wrap_180;
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::world::airframe::Airframe;
 use simulator::world::earth::Earth;
-use simulator::world::published_table1::{BankErrors, EXPERIMENT_BANK_DEG};
+use simulator::world::published_table1::{EXPERIMENT_BANK_DEG, HEADING_COUNT, MethodErrors};
 use simulator::world::rotation::Euler;
-
-/// Number of headings in the table, 30 deg apart.
-pub const HEADING_COUNT: usize = 12;
 
 /// Noise of one LIS3MDL measurement on x, y and z, microtesla: ultra-high-performance mode (data sheet, table 2). A
 /// module sample averages several measurements.
@@ -44,31 +40,6 @@ impl PaperExperiment {
     #[must_use]
     pub const fn noisy_experiment(seed: u64) -> Self {
         Self { samples_per_side: 256, noise_seed: Some(seed) }
-    }
-}
-
-/// Errors with one method, degrees, at headings 0, 30, ... 330.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct MethodErrors {
-    /// Method name.
-    pub name: &'static str,
-    /// Heading errors with the right wing down, degrees.
-    pub right_deg: [f64; HEADING_COUNT],
-    /// Heading errors with the left wing down, degrees.
-    pub left_deg: [f64; HEADING_COUNT],
-}
-
-impl MethodErrors {
-    /// Statistics over both sides.
-    #[must_use]
-    pub fn error_statistics(&self) -> ErrorStatistics {
-        ErrorStatistics::from_errors_deg(&[self.right_deg, self.left_deg].concat())
-    }
-
-    /// Errors at one heading.
-    #[must_use]
-    pub fn bank_errors(&self, row: usize) -> BankErrors {
-        BankErrors { right_deg: self.right_deg[row], left_deg: self.left_deg[row] }
     }
 }
 

@@ -8,6 +8,9 @@
 //! Heading error is indicated minus true heading: this sign leaves residuals of 0.42 degrees RMS, the opposite sign
 //! 0.63, exchanged left and right columns 1.2 or 1.7.
 
+use log_analysis::score::ErrorStatistics;
+use serde::Serialize;
+
 /// Bank of the tilted aircraft, degrees. Not given in the paper; 20 fits.
 pub const EXPERIMENT_BANK_DEG: f64 = 20.0;
 /// `A`, dimensionless, by rows.
@@ -17,55 +20,46 @@ pub const FITTED_SOFT_IRON: [[f64; 3]; 3] =
 pub const FITTED_HARD_IRON_RATIO: [f64; 3] = [0.309_228, -0.026_14, -0.002_42];
 
 /// Published table with comments, comma-separated values.
-pub const PUBLISHED_TABLE_CSV: &str = include_str!("../../../data/table1.csv");
+const PUBLISHED_TABLE_CSV: &str = include_str!("../../../data/table1.csv");
 
-/// Heading errors at one heading, banked to either side, degrees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BankErrors {
-    /// Heading error with the right wing down, degrees.
-    pub right_deg: f64,
-    /// Heading error with the left wing down, degrees.
-    pub left_deg: f64,
+/// Number of headings in the table, 30 deg apart.
+pub const HEADING_COUNT: usize = 12;
+
+/// Heading errors with one method, degrees, at headings 0, 30, ... 330.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MethodErrors {
+    /// Method name.
+    pub name: &'static str,
+    /// Heading errors with the right wing down, degrees.
+    pub right_deg: [f64; HEADING_COUNT],
+    /// Heading errors with the left wing down, degrees.
+    pub left_deg: [f64; HEADING_COUNT],
 }
 
-/// Row of the published table.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PublishedRow {
-    /// True heading, degrees.
-    pub heading_deg: f64,
-    /// Errors of the uncompensated heading.
-    pub uncompensated: BankErrors,
-    /// Heading errors after compensation from known headings.
-    pub known_heading_method: BankErrors,
-    /// Heading errors after compensation by the paper's method.
-    pub four_ellipse: BankErrors,
-    /// Heading errors after compensation by the paper's method, less the mean error.
-    pub four_ellipse_demeaned: BankErrors,
+impl MethodErrors {
+    /// Statistics over both sides.
+    #[must_use]
+    pub fn error_statistics(&self) -> ErrorStatistics {
+        ErrorStatistics::from_errors_deg(&[self.right_deg, self.left_deg].concat())
+    }
 }
 
-/// Published table.
+/// Published errors: uncompensated, compensated from known headings, and by the paper's method.
 ///
 /// # Panics
 ///
 /// Never: the table is compiled in, and a test parses it.
 #[must_use]
-pub fn published_rows() -> [PublishedRow; 12] {
-    let mut lines = PUBLISHED_TABLE_CSV.lines().filter(|line| !line.starts_with('#')).skip(1);
-    std::array::from_fn(|_| parse_row(lines.next().expect("twelve rows")))
-}
-
-fn parse_row(line: &str) -> PublishedRow {
-    let mut numbers = line.split(',').map(|cell| cell.parse().expect("a number"));
-    let mut next = || numbers.next().expect("nine columns");
-    let heading_deg = next();
-    let mut next_bank_errors = || BankErrors { right_deg: next(), left_deg: next() };
-    PublishedRow {
-        heading_deg,
-        uncompensated: next_bank_errors(),
-        known_heading_method: next_bank_errors(),
-        four_ellipse: next_bank_errors(),
-        four_ellipse_demeaned: next_bank_errors(),
-    }
+pub fn published_errors() -> [MethodErrors; 3] {
+    let lines = PUBLISHED_TABLE_CSV.lines().filter(|line| !line.starts_with('#')).skip(1);
+    let parse_row = |line: &str| line.split(',').map(|cell| cell.parse().expect("a number")).collect();
+    let rows: Vec<Vec<f64>> = lines.map(parse_row).collect();
+    let column = |index: usize| std::array::from_fn(|row| rows[row][index]);
+    [("before", 1), ("reference", 3), ("four ellipses", 5)].map(|(name, index)| MethodErrors {
+        name,
+        right_deg: column(index),
+        left_deg: column(index + 1),
+    })
 }
 
 #[cfg(test)]
@@ -88,25 +82,22 @@ mod tests {
     }
 
     fn residuals_deg(airframe: &Airframe) -> Vec<f64> {
-        published_rows()
-            .iter()
-            .flat_map(|row| {
-                [(EXPERIMENT_BANK_DEG, row.uncompensated.right_deg), (-EXPERIMENT_BANK_DEG, row.uncompensated.left_deg)]
-                    .map(|(bank, published)| error_before_deg(airframe, row.heading_deg, bank) - published)
-            })
+        let [MethodErrors { right_deg, left_deg, .. }, ..] = published_errors();
+        let residual_deg = |(row, bank_deg, published_deg): (usize, f64, f64)| {
+            error_before_deg(airframe, 30.0 * row as f64, bank_deg) - published_deg
+        };
+        (0..HEADING_COUNT)
+            .flat_map(|row| [(row, EXPERIMENT_BANK_DEG, right_deg[row]), (row, -EXPERIMENT_BANK_DEG, left_deg[row])])
+            .map(residual_deg)
             .collect()
     }
 
     #[test]
     fn the_table_is_read_as_printed() {
-        let rows = published_rows();
-        let [first, last] = [rows[0], rows[11]];
-        assert_eq!((first.heading_deg, first.uncompensated), (0.0, BankErrors { right_deg: 4.2, left_deg: 2.4 }));
-        assert_eq!(
-            (last.heading_deg, last.known_heading_method),
-            (330.0, BankErrors { right_deg: 1.5, left_deg: -2.3 })
-        );
-        assert_eq!(last.four_ellipse_demeaned, BankErrors { right_deg: 0.8, left_deg: -1.2 });
+        let [before, reference, four_ellipses] = published_errors();
+        assert_eq!((before.right_deg[0], before.left_deg[0]), (4.2, 2.4));
+        assert_eq!((reference.right_deg[11], reference.left_deg[11]), (1.5, -2.3));
+        assert_eq!((four_ellipses.right_deg[11], four_ellipses.left_deg[11]), (2.1, 0.1));
     }
 
     /// Changing any of the twelve coefficients by 0.01 increases the cost described in the module documentation, far
