@@ -11,7 +11,7 @@ use autoswing_firmware::magnetometer::rm3100::Rm3100;
 use embassy_time::Instant;
 use simulator::devices::i2c::{BusError, SimulatedI2cBus};
 use simulator::devices::lis3mdl as chip;
-use simulator::devices::rm3100::{self, Rm3100Config, Rm3100Fault};
+use simulator::devices::rm3100::{self, Rm3100Fault};
 use simulator::devices::sensor::SensorModel;
 use simulator::devices::spi::SelectedDevice;
 use simulator::module::Module as _;
@@ -28,8 +28,7 @@ fn run_with_driver<F: Future<Output = ()> + 'static>(
     script: impl FnOnce(Lis3mdl<SimulatedI2cBus>, Rc<RefCell<chip::SimulatedLis3mdl>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let config = chip::SimulatedLis3mdlConfig { noise_scale: 0.0, ..chip::SimulatedLis3mdlConfig::default() };
-    let chip = chip::SimulatedLis3mdl::new(config, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
+    let chip = chip::SimulatedLis3mdl::new(0, 0.0, Box::new(|at_us| Field::from_ut(at_us as f32 * 1e-5, 0.0, 0.0)));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
     simulation.run_to_end(ExecutorLevel::Interrupt, script(Lis3mdl::new(bus), chip));
@@ -103,8 +102,8 @@ fn run_with_rm3100<F: Future<Output = ()> + 'static>(
     script: impl FnOnce(Rm3100<SelectedDevice>, Rc<RefCell<rm3100::SimulatedRm3100>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let config = Rm3100Config { noise_scale: 0.0, period_scale, ..Rm3100Config::default() };
-    let chip = rm3100::SimulatedRm3100::new(config, Box::new(|at_us| Field::from_ut(20.0, 0.0, at_us as f32 * 1e-4)));
+    let field = |at_us| Field::from_ut(20.0, 0.0, at_us as f32 * 1e-4);
+    let chip = rm3100::SimulatedRm3100::new(0, 0.0, period_scale, Box::new(field));
     let driver = Rm3100::new(SelectedDevice::new(chip.clone()));
     simulation.run_to_end(ExecutorLevel::Interrupt, script(driver, chip));
 }

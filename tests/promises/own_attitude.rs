@@ -113,7 +113,7 @@ fn the_own_attitude_is_sent_while_the_chip_answers() {
     assert_eq!(sent_pitch_and_roll_deg(&rig), None);
     chip.borrow_mut().set_silent(false);
     rig.run_for_s(2.0);
-    chip.borrow_mut().flip_bit(0x11, 3);
+    chip.borrow_mut().flip_register_bits(0x11, 0x08);
     rig.run_for_s(2.0);
     assert!(sent_pitch_and_roll_deg(&rig).is_some());
     let status = rig.send_console_line("status all");

@@ -11,9 +11,9 @@ use autoswing_firmware::magnetometer::rm3100::Rm3100;
 use testkit::simulation::{ExecutorLevel, Simulation};
 
 use crate::devices::i2c::SimulatedI2cBus;
-use crate::devices::lis3mdl::{SimulatedLis3mdl, SimulatedLis3mdlConfig};
+use crate::devices::lis3mdl::SimulatedLis3mdl;
 use crate::devices::lsm6dsl::{ADDRESS, InertialFault, InertialSource, SimulatedLsm6dsl};
-use crate::devices::rm3100::{Rm3100Config, Rm3100Fault, SimulatedRm3100};
+use crate::devices::rm3100::{Rm3100Fault, SimulatedRm3100};
 use crate::devices::sensor::{FieldSource, SensorModel};
 use crate::devices::spi::SelectedDevice;
 use crate::faults::sensor::{FaultyChip, SensorFault};
@@ -32,15 +32,12 @@ impl SimulatedMagnetometer {
     pub fn new(model: SensorModel, seed: u64, field: FieldSource, faults: Vec<Box<dyn SensorFault>>) -> Self {
         match model {
             SensorModel::Lis3mdl => {
-                let chip =
-                    SimulatedLis3mdl::new(SimulatedLis3mdlConfig { seed, ..SimulatedLis3mdlConfig::default() }, field);
+                let chip = SimulatedLis3mdl::new(seed, 1.0, field);
                 let bus = SimulatedI2cBus::new();
                 bus.attach_device(FaultyChip::new(chip.clone(), faults));
                 Self::Lis3mdl(chip, bus)
             }
-            SensorModel::Rm3100 => {
-                Self::Rm3100(SimulatedRm3100::new(Rm3100Config { seed, ..Rm3100Config::default() }, field))
-            }
+            SensorModel::Rm3100 => Self::Rm3100(SimulatedRm3100::new(seed, 1.0, 1.0, field)),
         }
     }
 

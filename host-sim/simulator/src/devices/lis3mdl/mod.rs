@@ -23,43 +23,29 @@ use registers::{ConversionMode, FAST_RATE_HZ, Lis3mdlRegisters, MeasurementSetti
 /// Address with the SA1 pin high, as on ST's boards.
 const ADDRESS: u8 = 0x1E;
 
-/// Settings of a chip.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SimulatedLis3mdlConfig {
-    /// Seed of the noise.
-    pub seed: u64,
-    /// Noise relative to the data sheet; 0 leaves only quantisation.
-    pub noise_scale: f64,
-}
-
-impl Default for SimulatedLis3mdlConfig {
-    fn default() -> Self {
-        Self { seed: 0, noise_scale: 1.0 }
-    }
-}
-
 /// Simulated chip for a [`SimulatedI2cBus`](crate::devices::i2c::SimulatedI2cBus). Each access first performs the
 /// conversions due since the previous access.
 pub struct SimulatedLis3mdl {
-    config: SimulatedLis3mdlConfig,
     registers: Lis3mdlRegisters,
-    converter: FieldConverter,
+    /// End of the running conversion, microseconds; `None` while powered down.
+    next_completion_us: Option<u64>,
     field_source: FieldSource,
     noise: RandomStream,
+    noise_scale: f64,
     is_silent: bool,
     is_frozen: bool,
 }
 
 impl SimulatedLis3mdl {
-    /// A chip after power-on.
+    /// A chip after power-on; the seed draws its noise, which is `noise_scale` times that of the data sheet.
     #[must_use]
-    pub fn new(config: SimulatedLis3mdlConfig, field_source: FieldSource) -> Rc<RefCell<Self>> {
+    pub fn new(seed: u64, noise_scale: f64, field_source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
-            config,
             registers: Lis3mdlRegisters::default(),
-            converter: FieldConverter::default(),
+            next_completion_us: None,
             field_source,
-            noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
+            noise: RandomStream::new(seed, StreamPurpose::Magnetometer),
+            noise_scale,
             is_silent: false,
             is_frozen: false,
         }))
@@ -78,23 +64,28 @@ impl SimulatedLis3mdl {
     /// Fault: a supply drop resets all registers.
     pub fn power_cycle(&mut self) {
         self.registers = Lis3mdlRegisters::default();
-        self.converter = FieldConverter::default();
+        self.next_completion_us = None;
     }
 
+    /// Performs the last conversion that is due by now; earlier ones are overwritten unread.
     fn perform_due_conversions(&mut self) {
-        if let Some(due) = self.converter.take_completed(&mut self.registers, clock::now_us()) {
-            self.finish_conversion(&due);
+        let now_us = clock::now_us();
+        let Some(first_us) = self.next_completion_us.filter(|&first_us| first_us <= now_us) else { return };
+        let settings = self.registers.measurement_settings();
+        let mut completed_us = first_us;
+        if settings.conversion_mode == ConversionMode::Single {
+            self.registers.power_down();
+            self.next_completion_us = None;
+        } else {
+            let period_us = period_us(&settings);
+            completed_us = now_us - (now_us - first_us) % period_us;
+            self.next_completion_us = Some(completed_us + period_us);
         }
-    }
-
-    fn finish_conversion(&mut self, due: &CompletedConversion) {
         if !self.is_frozen {
-            let field = (self.field_source)(due.completed_at_us);
-            let counts =
-                field_counts(&field, &self.registers.measurement_settings(), self.config.noise_scale, &mut self.noise);
-            self.registers.set_measurement(counts);
+            let field = (self.field_source)(completed_us);
+            self.registers.set_measurement(field_counts(&field, &settings, self.noise_scale, &mut self.noise));
         }
-        self.registers.set_data_ready(due.has_overrun);
+        self.registers.set_data_ready(completed_us > first_us);
     }
 }
 
@@ -109,7 +100,9 @@ impl SimulatedI2cDevice for SimulatedLis3mdl {
             self.registers.set_pointer(pointer);
             for &byte in data {
                 if self.registers.write_register(byte) {
-                    self.converter.restart_conversion(&self.registers, clock::now_us());
+                    let settings = self.registers.measurement_settings();
+                    self.next_completion_us = (settings.conversion_mode != ConversionMode::PowerDown)
+                        .then(|| clock::now_us() + period_us(&settings));
                 }
             }
         }
@@ -131,43 +124,6 @@ const NOISE_Z_GAUSS: f64 = 4.1e-3;
 
 /// Self-test field, gauss: middle of the range specified in the data sheet, table 2.
 const SELF_TEST_GAUSS: Vector3<f64> = Vector3::new(2.0, 2.0, 0.55);
-
-struct CompletedConversion {
-    /// Time of the conversion's end, microseconds.
-    completed_at_us: u64,
-    /// Whether earlier conversions completed since the previous access, and were not read.
-    has_overrun: bool,
-}
-
-#[derive(Default)]
-struct FieldConverter {
-    next_completion_us: Option<u64>,
-}
-
-impl FieldConverter {
-    /// Restarts conversion, as after a write to a control register.
-    fn restart_conversion(&mut self, registers: &Lis3mdlRegisters, now_us: u64) {
-        let settings = registers.measurement_settings();
-        self.next_completion_us =
-            (settings.conversion_mode != ConversionMode::PowerDown).then(|| now_us + period_us(&settings));
-    }
-
-    /// The last conversion completed by now, if any.
-    fn take_completed(&mut self, registers: &mut Lis3mdlRegisters, now_us: u64) -> Option<CompletedConversion> {
-        let first_us = self.next_completion_us.filter(|&next_completion_us| next_completion_us <= now_us)?;
-        let settings = registers.measurement_settings();
-        if settings.conversion_mode == ConversionMode::Single {
-            registers.power_down();
-            self.next_completion_us = None;
-            return Some(CompletedConversion { completed_at_us: first_us, has_overrun: false });
-        }
-        let period_us = period_us(&settings);
-        let further_conversions = (now_us - first_us) / period_us;
-        let at_us = first_us + further_conversions * period_us;
-        self.next_completion_us = Some(at_us + period_us);
-        Some(CompletedConversion { completed_at_us: at_us, has_overrun: further_conversions > 0 })
-    }
-}
 
 fn period_us(settings: &MeasurementSettings) -> u64 {
     (1e6 / settings.rate_hz).round() as u64

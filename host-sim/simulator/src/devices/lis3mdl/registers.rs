@@ -177,7 +177,14 @@ impl Lis3mdlRegisters {
         let is_locked =
             self.register_value(CTRL_REG5) & BLOCK_DATA_UPDATE != 0 && self.half_read_axes & (1 << axis) != 0;
         if !is_locked {
-            self.write_counts(OUT_X_L + 2 * axis as u8, self.latest_counts[axis]);
+            let counts = self.latest_counts[axis];
+            let swapped = self.register_value(CTRL_REG4) & BIG_ENDIAN != 0;
+            let low = usize::from(OUT_X_L) + 2 * axis;
+            self.bytes[low..low + 2].copy_from_slice(&if swapped {
+                counts.to_be_bytes()
+            } else {
+                counts.to_le_bytes()
+            });
         }
     }
 
@@ -194,12 +201,5 @@ impl Lis3mdlRegisters {
         let all_ready = if ready == ALL_AXES { COMBINED_AXES_FLAG } else { 0 };
         let any_overrun = if overrun == 0 { 0 } else { COMBINED_AXES_FLAG };
         self.bytes[usize::from(STATUS_REG)] = (overrun | any_overrun) << 4 | ready | all_ready;
-    }
-
-    fn write_counts(&mut self, low_register: u8, value: i16) {
-        let measured = (OUT_X_L..=OUT_Z_H).contains(&low_register);
-        let swapped = measured && self.register_value(CTRL_REG4) & BIG_ENDIAN != 0;
-        let low = usize::from(low_register);
-        self.bytes[low..low + 2].copy_from_slice(&if swapped { value.to_be_bytes() } else { value.to_le_bytes() });
     }
 }

@@ -14,17 +14,17 @@ fn run_on_bus<F: Future<Output = ()> + 'static>(
     field_ut: [f32; 3],
     script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<SimulatedLis3mdl>>) -> F,
 ) {
-    run_in_field(NOISE_FREE, move |_| field_ut, script);
+    run_in_field(0.0, move |_| field_ut, script);
 }
 
 /// Runs `script` on a bus with a chip in the field `field_ut(t)`.
 fn run_in_field<F: Future<Output = ()> + 'static>(
-    config: SimulatedLis3mdlConfig,
+    noise_scale: f64,
     field_ut: impl Fn(u64) -> [f32; 3] + 'static,
     script: impl FnOnce(SimulatedI2cBus, Rc<RefCell<SimulatedLis3mdl>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let chip = SimulatedLis3mdl::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
+    let chip = SimulatedLis3mdl::new(1, noise_scale, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
     let bus = SimulatedI2cBus::new();
     bus.attach_device(chip.clone());
     simulation.run_to_end(ExecutorLevel::Thread, script(bus, chip));
@@ -50,8 +50,6 @@ async fn read_counts(bus: &mut SimulatedI2cBus) -> [i16; 3] {
 async fn start_continuous(bus: &mut SimulatedI2cBus) {
     bus.write(ADDRESS, &[0x20 | 0x80, 0x7C, 0x00, 0x00, 0x0C, 0x40]).await.unwrap();
 }
-
-const NOISE_FREE: SimulatedLis3mdlConfig = SimulatedLis3mdlConfig { seed: 1, noise_scale: 0.0 };
 
 #[test]
 fn reset_values_are_those_of_the_data_sheet() {
@@ -115,7 +113,7 @@ fn block_data_update_keeps_the_two_bytes_of_an_axis_together() {
     // 255 counts for the first 20 ms, then 256: mixed bytes give 511 or 0.
     let field = |at_us| if at_us < 20_000 { [3.727; 3] } else { [3.7416; 3] };
     for (control5, expected) in [(0x40, [0xFF, 0x00]), (0x00, [0xFF, 0x01])] {
-        run_in_field(NOISE_FREE, field, move |mut bus, _| async move {
+        run_in_field(0.0, field, move |mut bus, _| async move {
             start_continuous(&mut bus).await;
             write_register(&mut bus, 0x24, control5).await;
             Timer::after_millis(14).await;
@@ -144,9 +142,8 @@ fn full_scales_have_their_sensitivities_and_saturate_at_16_bits() {
 #[test]
 fn noise_is_that_of_the_data_sheet_and_grows_as_averaging_shrinks() {
     for (settings, ratio) in [(0x62, 1.0_f64), (0x02, (1000.0_f64 / 155.0).sqrt())] {
-        let config = SimulatedLis3mdlConfig { noise_scale: 1.0, ..NOISE_FREE };
         run_in_field(
-            config,
+            1.0,
             |_| [20.0, 0.0, 40.0],
             move |mut bus, _| async move {
                 write_register(&mut bus, 0x20, settings).await;

@@ -124,7 +124,7 @@ pub trait InertialFault {
     /// Modifies a measurement.
     fn modify_measurement(&mut self, _at_us: u64, _measured: &mut InertialTruth) {}
 
-    /// Register address and bit of a bit that flips now.
+    /// Register address and bit mask of bits that flip now.
     fn register_upset(&mut self, _at_us: u64) -> Option<(u8, u8)> {
         None
     }

@@ -77,9 +77,9 @@ impl SimulatedLsm6dsl {
         self.next_sample_us = None;
     }
 
-    /// Fault: flips a bit of a register.
-    pub fn flip_bit(&mut self, register: u8, bit: u8) {
-        self.registers.flip_bit(register, bit);
+    /// Fault: bits of a register flip.
+    pub fn flip_register_bits(&mut self, register: u8, bits: u8) {
+        self.registers.flip_bits(register, bits);
     }
 
     /// Value of a register.
@@ -99,7 +99,7 @@ impl SimulatedLsm6dsl {
         if next_us > now_us {
             return;
         }
-        let sampled_us = next_us + (now_us - next_us) / period_us * period_us;
+        let sampled_us = now_us - (now_us - next_us) % period_us;
         self.next_sample_us = Some(sampled_us + period_us);
         if self.is_frozen {
             self.registers.set_data_ready();
@@ -108,8 +108,8 @@ impl SimulatedLsm6dsl {
         let mut measured = self.errors.measure(&(self.source)(sampled_us), 1e6 / period_us as f64);
         for fault in &mut self.faults {
             fault.modify_measurement(sampled_us, &mut measured);
-            if let Some((register, bit)) = fault.register_upset(now_us) {
-                self.registers.flip_bit(register, bit);
+            if let Some((register, bits)) = fault.register_upset(now_us) {
+                self.registers.flip_bits(register, bits);
             }
         }
         let self_test = self.registers.self_test_change();

@@ -66,8 +66,8 @@ impl Lsm6dslRegisters {
         self.bytes[usize::from(register & 0x7F)]
     }
 
-    pub fn flip_bit(&mut self, register: u8, bit: u8) {
-        self.bytes[usize::from(register & 0x7F)] ^= 1 << (bit & 7);
+    pub fn flip_bits(&mut self, register: u8, bits: u8) {
+        self.bytes[usize::from(register & 0x7F)] ^= bits;
     }
 
     /// Writes the register at the pointer; read-only and reserved registers ignore it.

@@ -79,7 +79,7 @@ fn every_flipped_bit_is_detected_and_restored() {
         for register in 0x10..=0x19 {
             for bit in 0..8 {
                 let written = chip.borrow().register_value(register);
-                chip.borrow_mut().flip_bit(register, bit);
+                chip.borrow_mut().flip_register_bits(register, 1 << bit);
                 let upset = driver.verify_configuration().await;
                 assert!(matches!(upset, Err(ChipError::Configuration { .. })), "{register:#x} {bit}: {upset:?}");
                 driver.init().await.unwrap();

@@ -21,24 +21,6 @@ use crate::random::{RandomStream, StreamPurpose};
 /// RMS noise at cycle count 200, microtesla (manual, table 3-1).
 const NOISE_UT: f64 = 0.015;
 
-/// Settings of a chip.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rm3100Config {
-    /// Seed of the noise.
-    pub seed: u64,
-    /// Noise relative to the manual; 0 leaves only quantisation.
-    pub noise_scale: f64,
-    /// Period of the continuous mode relative to the nominal one; one standard deviation is 0.07 (manual, section
-    /// 5.2.1).
-    pub period_scale: f64,
-}
-
-impl Default for Rm3100Config {
-    fn default() -> Self {
-        Self { seed: 0, noise_scale: 1.0, period_scale: 1.0 }
-    }
-}
-
 /// Fault of the chip, or of its wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rm3100Fault {
@@ -56,24 +38,29 @@ pub enum Rm3100Fault {
 
 /// Simulated chip. Each access first completes the measurements due since the previous access.
 pub struct SimulatedRm3100 {
-    config: Rm3100Config,
     registers: Rm3100Registers,
     field_source: FieldSource,
     noise: RandomStream,
+    noise_scale: f64,
+    /// Period of the continuous mode relative to the nominal one; one standard deviation is 0.07 (manual, section
+    /// 5.2.1).
+    period_scale: f64,
     fault: Option<Rm3100Fault>,
     /// Address of the register that the next byte reads or writes.
     pointer: u8,
 }
 
 impl SimulatedRm3100 {
-    /// A chip after power-on.
+    /// A chip after power-on; the seed draws its noise, which is `noise_scale` times that of the manual, as the period
+    /// of its continuous mode is `period_scale` times the nominal one.
     #[must_use]
-    pub fn new(config: Rm3100Config, field_source: FieldSource) -> Rc<RefCell<Self>> {
+    pub fn new(seed: u64, noise_scale: f64, period_scale: f64, field_source: FieldSource) -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
-            config,
             registers: Rm3100Registers::default(),
             field_source,
-            noise: RandomStream::new(config.seed, StreamPurpose::Magnetometer),
+            noise: RandomStream::new(seed, StreamPurpose::Magnetometer),
+            noise_scale,
+            period_scale,
             fault: None,
             pointer: 0,
         }))
@@ -109,7 +96,7 @@ impl SimulatedRm3100 {
         if self.fault == Some(Rm3100Fault::NeverReady) {
             return;
         }
-        if let Some(ended) = self.registers.take_ended_measurement(now_us, self.config.period_scale) {
+        if let Some(ended) = self.registers.take_ended_measurement(now_us, self.period_scale) {
             match ended {
                 RunningMeasurement::SelfTest { .. } => self.end_self_test(),
                 RunningMeasurement::Field { ends_at_us, .. } => self.finish_measurement(ends_at_us),
@@ -130,7 +117,7 @@ impl SimulatedRm3100 {
             let after_us: u64 = (axis + 1..3).map(|later| self.registers.axis_duration_us(later)).sum();
             let middle_us = ended_at_us.saturating_sub(after_us + self.registers.axis_duration_us(axis) / 2);
             let field: Field<Sensor> = (self.field_source)(middle_us);
-            let sigma_ut = NOISE_UT * (200.0 / f64::from(cycle_count.max(1))).sqrt() * self.config.noise_scale;
+            let sigma_ut = NOISE_UT * (200.0 / f64::from(cycle_count.max(1))).sqrt() * self.noise_scale;
             let ut = f64::from(field.ut[axis]) + sigma_ut * self.noise.gaussian();
             if self.fault != Some(Rm3100Fault::StuckAxis(axis)) {
                 self.registers.set_measurement(axis, (ut * counts_per_ut(cycle_count)).round() as i32);
@@ -153,7 +140,7 @@ impl SimulatedSpiDevice for SimulatedRm3100 {
         let Some((&address, values)) = bytes.split_first() else { return };
         self.pointer = address & !registers::READ_FLAG;
         for &value in values {
-            self.registers.write_register(self.pointer, value, clock::now_us(), self.config.period_scale);
+            self.registers.write_register(self.pointer, value, clock::now_us(), self.period_scale);
             self.pointer = self.pointer.wrapping_add(1);
         }
     }

@@ -137,7 +137,7 @@ impl Rm3100Registers {
             }
             RunningMeasurement::Field { ends_at_us, is_continuous: true } => {
                 let period_us = self.period_us(period_scale);
-                let ended_at_us = ends_at_us + (now_us - ends_at_us) / period_us * period_us;
+                let ended_at_us = now_us - (now_us - ends_at_us) % period_us;
                 let next = |ends_at_us| RunningMeasurement::Field { ends_at_us, is_continuous: true };
                 self.running_measurement = Some(next(ended_at_us + period_us));
                 Some(next(ended_at_us))

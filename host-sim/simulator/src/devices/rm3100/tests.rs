@@ -8,7 +8,6 @@ use testkit::simulation::{ExecutorLevel, Simulation};
 use super::*;
 use crate::devices::spi::SelectedDevice;
 
-const NOISE_FREE: Rm3100Config = Rm3100Config { seed: 1, noise_scale: 0.0, period_scale: 1.0 };
 /// `CMM`: continuous, all axes, data ready after a full sequence.
 const CONTINUOUS_MODE: u8 = 0x79;
 
@@ -17,17 +16,17 @@ fn run_with_chip<F: Future<Output = ()> + 'static>(
     field_ut: [f32; 3],
     script: impl FnOnce(SelectedDevice, Rc<RefCell<SimulatedRm3100>>) -> F,
 ) {
-    run_in_field(NOISE_FREE, move |_| field_ut, script);
+    run_in_field(0.0, move |_| field_ut, script);
 }
 
 /// Runs `script` with a chip in the field `field_ut(t)`.
 fn run_in_field<F: Future<Output = ()> + 'static>(
-    config: Rm3100Config,
+    noise_scale: f64,
     field_ut: impl Fn(u64) -> [f32; 3] + 'static,
     script: impl FnOnce(SelectedDevice, Rc<RefCell<SimulatedRm3100>>) -> F,
 ) {
     let mut simulation = Simulation::new();
-    let chip = SimulatedRm3100::new(config, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
+    let chip = SimulatedRm3100::new(1, noise_scale, 1.0, Box::new(move |at_us| Field::new(field_ut(at_us).into())));
     simulation.run_to_end(ExecutorLevel::Thread, script(SelectedDevice::new(chip.clone()), chip));
 }
 
@@ -141,9 +140,8 @@ fn cycle_counts_have_the_gain_of_the_manual() {
 #[test]
 fn noise_is_that_of_the_manual() {
     for (cycle_count, noise_nt) in [(50, 30.0_f64), (100, 20.0), (200, 15.0)] {
-        let config = Rm3100Config { noise_scale: 1.0, ..NOISE_FREE };
         run_in_field(
-            config,
+            1.0,
             |_| [20.0, 0.0, 40.0],
             move |mut device, _| async move {
                 device.write(&[0x04, 0, cycle_count, 0, cycle_count, 0, cycle_count]).await.unwrap();
@@ -168,7 +166,7 @@ fn noise_is_that_of_the_manual() {
 #[test]
 fn axes_are_measured_one_after_the_other() {
     run_in_field(
-        NOISE_FREE,
+        0.0,
         |at_us| [at_us as f32 * 1e-3; 3],
         |mut device, _| async move {
             let start_ut = (clock::now_us() + 16) as f32 * 1e-3;

@@ -138,7 +138,8 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("imu-upset", "a bit of the range of the module's own gyro flips", |flight| {
-        let fault = RegisterUpset { fault_switch: flight.case_switch(), register_bits: (0x11, 3), has_occurred: false };
+        let fault =
+            RegisterUpset { fault_switch: flight.case_switch(), register_bits: (0x11, 0x08), has_occurred: false };
         flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
     }),
     define_case("imu-vibration", "vibration of the module of 5 deg/s and 1 g, aliased", |flight| {
