@@ -3,6 +3,7 @@
 use autoswing::calibration::{ConsiderSigmas, Method, Prior, Samples, Solution, SolveError, Solver};
 use log_analysis::numbers::median;
 use log_analysis::score::{accepted_by_uncalibrated, within_percent};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
 use super::random_flight::{ConstantErrorSigmas, LaterMeasurementSource, RandomFlight, Recording};
@@ -17,6 +18,20 @@ pub struct AccuracyPlan {
     pub noise_draws: u64,
     /// Seed of the first airframe.
     pub seed: u64,
+}
+
+/// Evaluates every airframe of a plan in parallel; `on_airframe_done` is called once per airframe, from any thread.
+pub(super) fn evaluate_airframes<T: Send>(
+    plan: AccuracyPlan,
+    on_airframe_done: &(dyn Fn() + Sync),
+    evaluate: impl Fn(u64) -> Option<T> + Sync,
+) -> Vec<T> {
+    let evaluated = (plan.seed..plan.seed + plan.airframe_count).into_par_iter().filter_map(|seed| {
+        let airframe_result = evaluate(seed);
+        on_airframe_done();
+        airframe_result
+    });
+    evaluated.collect()
 }
 
 /// Fraction of heading errors within one and two sigma, percent.

@@ -5,11 +5,12 @@ use std::collections::BTreeSet;
 
 use autoswing::calibration::{ConsiderSigmas, Method};
 use log_analysis::numbers::{median, quantile};
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use simulator::world::aircraft::VehicleKind;
 
-use super::evaluation::{AccuracyPlan, NormalisedErrors, SigmaCoverage, SolveCounts, SolveResults, solve_samples};
+use super::evaluation::{
+    AccuracyPlan, NormalisedErrors, SigmaCoverage, SolveCounts, SolveResults, evaluate_airframes, solve_samples,
+};
 use super::flight::{FlightPattern, StudyFlight};
 use super::random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges, StudyEnvelope};
 use super::{cramer_rao, d_optimal, retention};
@@ -59,15 +60,8 @@ pub fn run_flight_study(
     plan: AccuracyPlan,
     on_airframe_done: &(dyn Fn() + Sync),
 ) -> FlightStudyRow {
-    let trials: Vec<FlightResult> = (plan.seed..plan.seed + plan.airframe_count)
-        .into_par_iter()
-        .filter_map(|seed| {
-            let flight_result = FlightResult::evaluate_trial(flight, seed, plan.noise_draws);
-            on_airframe_done();
-            flight_result
-        })
-        .collect();
-    study_row(flight, &trials)
+    let evaluate = |seed| FlightResult::evaluate_trial(flight, seed, plan.noise_draws);
+    study_row(flight, &evaluate_airframes(plan, on_airframe_done, evaluate))
 }
 
 struct FlightResult {
@@ -83,12 +77,13 @@ impl FlightResult {
         let envelope = if flight.kind == VehicleKind::Plane { StudyEnvelope::Banked } else { StudyEnvelope::Tilted };
         let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed)
             .with_flight(flight.true_flight(&RandomRanges::WORST_CASE, seed), envelope);
+        let record_flight = |draw, error_sigmas| {
+            let (samples, source) = trial.record_all_samples(draw, error_sigmas);
+            (retention::retain_samples(&samples), source)
+        };
+        let (recording, _) = record_flight(0, ConstantErrorSigmas::NO_ERRORS);
         let retained_times: BTreeSet<u32> =
-            retention::retain_samples(&trial.record_all_samples(0, ConstantErrorSigmas::NO_ERRORS).0)
-                .fit_samples()
-                .all_samples()
-                .map(|sample| sample.time.as_ms())
-                .collect();
+            recording.fit_samples().all_samples().map(|sample| sample.time.as_ms()).collect();
         let kept_samples =
             trial.true_samples().filter(|true_sample| retained_times.contains(&true_sample.time.as_ms()));
         let retained_count = retained_times.len();
@@ -100,15 +95,11 @@ impl FlightResult {
             errors: NormalisedErrors::default(),
         };
         for draw in 0..draws {
-            let recording =
-                retention::retain_samples(&trial.record_all_samples(draw, ConstantErrorSigmas::NO_ERRORS).0);
+            let (recording, _) = record_flight(draw, ConstantErrorSigmas::NO_ERRORS);
             let solution =
                 solve_samples(Method::MaximumLikelihood, recording.fit_samples(), ConsiderSigmas::DEFAULT).ok();
             flight_result.solve_counts.add_solution(&trial, &recording, solution.as_ref());
-            flight_result.errors.add_draw(&trial, draw, |faults| {
-                let (samples, source) = trial.record_all_samples(draw, faults);
-                (retention::retain_samples(&samples), source)
-            });
+            flight_result.errors.add_draw(&trial, draw, |faults| record_flight(draw, faults));
         }
         Some(flight_result)
     }

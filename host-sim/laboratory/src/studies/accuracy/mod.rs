@@ -15,12 +15,11 @@ pub mod random_flight;
 pub mod retention;
 
 use autoswing::calibration::{ConsiderSigmas, Method};
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
 pub use evaluation::{AccuracyPlan, SigmaCoverage, SolveResults};
 
-use evaluation::{NormalisedErrors, SolveCounts, solve_samples};
+use evaluation::{NormalisedErrors, SolveCounts, evaluate_airframes, solve_samples};
 use random_flight::{ConstantErrorSigmas, RandomFlight, RandomRanges};
 
 use log_analysis::numbers::{median, quantile};
@@ -57,17 +56,10 @@ const COMPARED_METHODS: [Method; 3] = [Method::MaximumLikelihood, Method::TwoPla
 /// Runs the study. `on_airframe_done` is called once per airframe, from any thread.
 #[must_use]
 pub fn run_accuracy_study(plan: AccuracyPlan, on_airframe_done: &(dyn Fn() + Sync)) -> AccuracyResult {
-    let trials: Vec<AirframeResult> = (plan.seed..plan.seed + plan.airframe_count)
-        .into_par_iter()
-        .filter_map(|seed| {
-            let airframe_result = AirframeResult::evaluate_airframe(
-                &RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed),
-                plan.noise_draws,
-            );
-            on_airframe_done();
-            airframe_result
-        })
-        .collect();
+    let trials = evaluate_airframes(plan, on_airframe_done, |seed| {
+        let trial = RandomFlight::draw_flight(&RandomRanges::WORST_CASE, seed);
+        AirframeResult::evaluate_airframe(&trial, plan.noise_draws)
+    });
     let [coverage, coverage_with_faults] =
         NormalisedErrors::coverage(&trials.iter().map(|trial| &trial.errors).collect::<Vec<_>>());
     AccuracyResult {

@@ -67,27 +67,14 @@ impl ConstantErrorSigmas {
     pub fn from_considered(consider: ConsiderSigmas) -> Self {
         Self { bias_deg: f64::from(consider.bias_rad.to_degrees()), bank_scale: f64::from(consider.bank_scale) }
     }
-
-    fn draw_errors(self, random: &mut RandomStream) -> ConstantAttitudeErrors {
-        ConstantAttitudeErrors {
-            roll_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
-            pitch_bias_rad: (random.gaussian() * self.bias_deg).to_radians(),
-            bank_scale: random.gaussian() * self.bank_scale,
-        }
-    }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct ConstantAttitudeErrors {
+/// Attitude source of a calibration flight and after it: its constant errors, and the random numbers of its noise.
+#[derive(Clone, Debug)]
+pub struct LaterMeasurementSource {
     roll_bias_rad: f64,
     pitch_bias_rad: f64,
     bank_scale: f64,
-}
-
-/// Attitude source after a calibration flight: its constant errors, and the random numbers of its noise.
-#[derive(Clone, Debug)]
-pub struct LaterMeasurementSource {
-    source: ConstantAttitudeErrors,
     random: RandomStream,
 }
 
@@ -238,19 +225,17 @@ impl RandomFlight {
         repetition: u64,
         error_sigmas: ConstantErrorSigmas,
     ) -> (Recording, LaterMeasurementSource) {
-        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
-        let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
-        let source = error_sigmas.draw_errors(&mut random);
-        let fit_samples = sample_turns(&self.left_turns, &self.right_turns, |true_sample| {
-            self.noisy_sample(true_sample, source, &mut random)
-        });
+        let (seed, mut later) = self.start_recording(repetition, error_sigmas);
+        let fit_samples =
+            sample_turns(&self.left_turns, &self.right_turns, |true_sample| self.noisy_sample(true_sample, &mut later));
         // A separate random stream, so that held-back samples do not change the other random numbers.
-        let mut held_back_random = RandomStream::new(seed, StreamPurpose::HeldBack);
+        let random = RandomStream::new(seed, StreamPurpose::HeldBack);
+        let mut held_back_source = LaterMeasurementSource { random, ..later };
         let [left_turns, right_turns] = [midpoints(&self.left_turns), midpoints(&self.right_turns)];
         let held_back = sample_turns(&left_turns, &right_turns, |true_sample| {
-            self.noisy_sample(true_sample, source, &mut held_back_random)
+            self.noisy_sample(true_sample, &mut held_back_source)
         });
-        (Recording { fit_samples, held_back }, LaterMeasurementSource { source, random })
+        (Recording { fit_samples, held_back }, later)
     }
 
     /// The `repetition`-th noise realisation of all samples, and noise stream for later measurements.
@@ -260,12 +245,19 @@ impl RandomFlight {
         repetition: u64,
         error_sigmas: ConstantErrorSigmas,
     ) -> (Vec<Sample>, LaterMeasurementSource) {
+        let (_, mut source) = self.start_recording(repetition, error_sigmas);
+        let samples = self.true_samples().map(|true_sample| self.noisy_sample(true_sample, &mut source)).collect();
+        (samples, source)
+    }
+
+    /// Seed of a noise realisation, and its attitude source.
+    fn start_recording(&self, repetition: u64, error_sigmas: ConstantErrorSigmas) -> (u64, LaterMeasurementSource) {
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(repetition);
         let mut random = RandomStream::new(seed, StreamPurpose::Magnetometer);
-        let source = error_sigmas.draw_errors(&mut random);
-        let samples =
-            self.true_samples().map(|true_sample| self.noisy_sample(true_sample, source, &mut random)).collect();
-        (samples, LaterMeasurementSource { source, random })
+        let mut draw = |sigma: f64| random.gaussian() * sigma;
+        let [roll_bias_rad, pitch_bias_rad] = [0, 1].map(|_| draw(error_sigmas.bias_deg).to_radians());
+        let bank_scale = draw(error_sigmas.bank_scale);
+        (seed, LaterMeasurementSource { roll_bias_rad, pitch_bias_rad, bank_scale, random })
     }
 
     /// Heading error over its sigma at a random attitude; `None` if the module outputs no heading.
@@ -287,7 +279,7 @@ impl RandomFlight {
             rates: AngleRates::UNKNOWN,
             time: WrappingMillis::default(),
         };
-        let Sample { field, attitude, .. } = self.noisy_sample(&true_sample, later_measurements.source, random);
+        let Sample { field, attitude, .. } = self.noisy_sample(&true_sample, later_measurements);
         let config = heading::HeadingLimits::DEFAULT;
         let indicated_heading_rad =
             heading::compute_heading(config, &solution.calibration, &solution.uncertainty, field, attitude).ok()?;
@@ -295,13 +287,8 @@ impl RandomFlight {
         Some(error_deg / f64::from(indicated_heading_rad.sigma_deg()))
     }
 
-    fn noisy_sample(
-        &self,
-        true_sample: &TrueSample,
-        source: ConstantAttitudeErrors,
-        random: &mut RandomStream,
-    ) -> Sample {
-        let euler = true_sample.euler;
+    fn noisy_sample(&self, true_sample: &TrueSample, source: &mut LaterMeasurementSource) -> Sample {
+        let (euler, random) = (true_sample.euler, &mut source.random);
         let sensed = self.field_matrix * self.body_field(euler)
             + self.hard_iron
             + random.normal_vector() * self.relative_sensor_sigma;
@@ -362,17 +349,11 @@ fn random_turn(ranges: &RandomRanges, bank_deg: f64, random: &mut RandomStream) 
 /// Recorded samples of a flight, in order of time: for the fit, and held back.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    fit_samples: Vec<Sample>,
-    held_back: Vec<Sample>,
+    pub(super) fit_samples: Vec<Sample>,
+    pub(super) held_back: Vec<Sample>,
 }
 
 impl Recording {
-    /// Samples without turn direction, for the fit and held back.
-    #[must_use]
-    pub fn from_samples_without_side(fit_samples: Vec<Sample>, held_back: Vec<Sample>) -> Self {
-        Self { fit_samples, held_back }
-    }
-
     /// Samples for the fit.
     #[must_use]
     pub fn fit_samples(&self) -> Samples<'_> {

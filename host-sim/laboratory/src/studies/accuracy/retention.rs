@@ -1,7 +1,7 @@
 //! Sample selection of the module's collector, applied to a recorded flight with ten samples per second.
 
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::calibration::{ConsiderSigmas, Method, Sample};
+use autoswing::calibration::{ConsiderSigmas, Method, Sample, Samples};
 use autoswing::collection::{Collector, RetainedSamples};
 use autoswing_module::compass::TrialSchedule;
 
@@ -24,20 +24,20 @@ pub fn retain_samples(samples: &[Sample]) -> Recording {
             collector.use_trial_solution(&solution);
         }
     }
-    let all_samples = |samples: autoswing::calibration::Samples<'_>| {
-        let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
-        samples.sort_by_key(|sample| sample.time.as_ms());
-        samples
-    };
-    Recording::from_samples_without_side(
-        all_samples(collector.fit_samples()),
-        all_samples(collector.held_back_samples()),
-    )
+    Recording {
+        fit_samples: sorted_by_time(collector.fit_samples()),
+        held_back: sorted_by_time(collector.held_back_samples()),
+    }
+}
+
+fn sorted_by_time(samples: Samples<'_>) -> Vec<Sample> {
+    let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
+    samples.sort_by_key(|sample| sample.time.as_ms());
+    samples
 }
 
 #[cfg(test)]
 mod tests {
-    use autoswing::calibration::Samples;
     use autoswing::frames::{Field, RollPitch};
     use autoswing::time::WrappingMillis;
     use log_analysis::replay::module_run::ModuleRun;
@@ -61,12 +61,6 @@ mod tests {
             Sample { time: WrappingMillis::new(u32::from(i) * 100), ..Sample::new(field, attitude) }
         };
         (0..2400).map(sample_at).collect()
-    }
-
-    fn sorted_by_time(samples: Samples<'_>) -> Vec<Sample> {
-        let mut samples: Vec<Sample> = samples.all_samples().copied().collect();
-        samples.sort_by_key(|sample| sample.time.as_ms());
-        samples
     }
 
     fn retained_without_trial_solves(samples: &[Sample]) -> Vec<Sample> {
