@@ -15,6 +15,7 @@ use simulator::faults::field::{
     AxisHysteresis, FieldFault, LaggingLinkage, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage,
     hard_iron_change, hard_iron_drift, passing_object, throttle_interference,
 };
+use simulator::faults::inertial::stuck_gyro_axes;
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{FaultSwitch, Faults};
@@ -114,6 +115,9 @@ pub(super) const FLIGHT_AFTER_CALIBRATION_S: f64 = 185.0;
 
 /// Default onset of faults, seconds after the start of the flight after the calibration.
 pub(super) const DEFAULT_ONSET_S: f64 = 10.0;
+
+/// Permanent fault from then on.
+pub(super) const SOON_AND_PERMANENT: FaultOnset = FaultOnset::permanent_after(DEFAULT_ONSET_S);
 
 /// Onset of steady flight, seconds after the start of the flight after the calibration: after its first legs.
 const STEADY_FLIGHT_ONSET_S: f64 = 90.0;
@@ -242,12 +246,13 @@ impl RandomCase {
         self.add_sensor_fault(onset, stuck_axes(self.case_switch(), axes));
     }
 
-    pub(super) fn upset_register(&mut self, register: u8, bits: u8) {
-        let switch = self.case_switch();
-        self.add_sensor_fault(
-            FaultOnset::SOON_AND_PERMANENT,
-            RegisterUpset { fault_switch: switch, register_bits: (register, bits), has_occurred: false },
-        );
+    pub(super) fn stick_gyro_axes(&mut self, axes: [bool; 3], is_accelerometer_stuck: bool) {
+        self.add_inertial_fault(SOON_AND_PERMANENT, stuck_gyro_axes(self.case_switch(), axes, is_accelerometer_stuck));
+    }
+
+    /// Upset of register bits, of a magnetometer or an inertial sensor.
+    pub(super) fn register_upset(&self, register: u8, bits: u8) -> RegisterUpset {
+        RegisterUpset { fault_switch: self.case_switch(), register_bits: (register, bits), has_occurred: false }
     }
 
     /// Saturates a random axis within its range on a level circle.
@@ -284,7 +289,7 @@ impl RandomCase {
     /// Adds forged messages in the autopilot's name, among its own, permanently from soon after the start of the flight
     /// after the calibration.
     pub(super) fn send_forged_messages(&mut self, message: ForgedMessage) {
-        self.fault_onset = FaultOnset::SOON_AND_PERMANENT;
+        self.fault_onset = SOON_AND_PERMANENT;
         self.faults.link_faults.push(LinkFault::Forged(self.case_switch(), message));
     }
 
@@ -315,8 +320,7 @@ impl RandomCase {
 
     pub(super) fn make_attitude_stale(&mut self) {
         let onset = self.random_onset();
-        let fault = stale_attitude(self.case_switch(), &self.world.attitude_source, self.seed);
-        self.add_attitude_fault(onset, fault);
+        self.add_attitude_fault(onset, stale_attitude(self.case_switch(), &self.world.attitude_source, self.seed));
     }
 
     /// Interrupts the link in turns of 45 deg of bank, for gaps within the two seconds over which body rates are
@@ -325,7 +329,7 @@ impl RandomCase {
         self.further_legs = legs_after_calibration::steep_turns;
         let switch = self.case_switch();
         self.add_attitude_fault(
-            FaultOnset::SOON_AND_PERMANENT,
+            SOON_AND_PERMANENT,
             SourceSilence { fault_switch: switch, silent_s: 1.5, period_s: 10.0, stops_clock: false },
         );
     }
@@ -418,11 +422,11 @@ impl RandomCase {
 
     pub(super) fn delay_attitude(&mut self, latency_ms: u64) {
         let fault = AdditionalLatency { fault_switch: self.case_switch(), latency_us: latency_ms * 1000 };
-        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        self.add_attitude_fault(SOON_AND_PERMANENT, fault);
     }
 
     pub(super) fn scale_rates(&mut self, factor: f64) {
-        self.add_attitude_fault(FaultOnset::SOON_AND_PERMANENT, rate_scale_error(self.case_switch(), factor));
+        self.add_attitude_fault(SOON_AND_PERMANENT, rate_scale_error(self.case_switch(), factor));
     }
 
     /// Gives the gyro scale errors and cross-axis sensitivities of exactly this size, always.
@@ -433,7 +437,7 @@ impl RandomCase {
 
     pub(super) fn change_hard_iron(&mut self, magnitude_ut: f64) {
         let change_ut = self.random_field_ut(magnitude_ut);
-        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, hard_iron_change(self.case_switch(), change_ut));
+        self.add_field_fault(SOON_AND_PERMANENT, hard_iron_change(self.case_switch(), change_ut));
     }
 
     pub(super) fn change_hard_iron_while_calibrating(&mut self, magnitude_ut: f64) {
@@ -445,10 +449,7 @@ impl RandomCase {
 
     pub(super) fn add_throttle_interference(&mut self, full_ut: f64) {
         let full_ut = self.random_field_ut(full_ut);
-        self.add_field_fault(
-            FaultOnset::SOON_AND_PERMANENT,
-            throttle_interference(self.case_switch(), full_ut, self.seed),
-        );
+        self.add_field_fault(SOON_AND_PERMANENT, throttle_interference(self.case_switch(), full_ut, self.seed));
     }
 
     pub(super) fn drift_zero(&mut self, onset: FaultOnset) {
@@ -491,7 +492,7 @@ impl RandomCase {
         self.world.earth = Earth { total_ut: 50.0, inclination_deg: 60.0 };
         let total_ut = self.random_stream.uniform(45.0, 55.0);
         let earth = Earth { total_ut, inclination_deg: self.random_stream.uniform(50.0, 70.0) };
-        self.add_field_fault(FaultOnset::SOON_AND_PERMANENT, OtherPlace { fault_switch: self.case_switch(), earth });
+        self.add_field_fault(SOON_AND_PERMANENT, OtherPlace { fault_switch: self.case_switch(), earth });
     }
 
     pub(super) fn calibrate_at_bank(&mut self, bank_deg: f64) {
@@ -516,9 +517,6 @@ impl RandomCase {
 }
 
 impl FaultOnset {
-    /// Permanent fault from `DEFAULT_ONSET_S` after the start of the flight after the calibration.
-    pub(super) const SOON_AND_PERMANENT: Self = Self::permanent_after(DEFAULT_ONSET_S);
-
     /// Permanent fault from `after_s` seconds after the start of the flight after the calibration.
     pub(super) const fn permanent_after(after_s: f64) -> Self {
         Self::AfterCalibration { after_s, for_s: f64::INFINITY }

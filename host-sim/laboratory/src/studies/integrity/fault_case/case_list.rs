@@ -3,25 +3,29 @@
 use std::f64::consts::TAU;
 
 use simulator::faults::attitude::{attitude_spikes, rate_offset_ramp};
-use simulator::faults::inertial::{SilentChip, clipped_rates, inertial_vibration, stuck_gyro_axes, wrong_axes};
+use simulator::faults::inertial::{SilentChip, clipped_rates, inertial_vibration, wrong_axes};
 use simulator::faults::link_faults::ForgedMessage;
-use simulator::faults::sensor::{RegisterUpset, additional_noise, measurement_spikes};
+use simulator::faults::sensor::{additional_noise, measurement_spikes};
 use simulator::world::aircraft::VehicleKind;
 use simulator::world::attitude_source::SenderKind;
 use simulator::world::gyro::GyroConfig;
 
 use super::case_definition::{
     COUNTS_PER_UT, DEFAULT_ONSET_S, FLIGHT_AFTER_CALIBRATION_S, FaultCase, FaultOnset, RandomCase, SENSOR_SIGMA_COUNTS,
+    SOON_AND_PERMANENT,
 };
 use crate::studies::integrity::legs_after_calibration::{INSTANT_IN_LEVEL_FLIGHT_S, INSTANT_IN_TURN_S};
 
 const DEGREES_PER_RADIAN: f64 = 360.0 / TAU;
 
+/// Changes a drawn case; see [`FaultCase`].
+pub(super) type ConfigureCase = fn(&mut RandomCase);
+
 /// Case for all vehicles and attitude sources.
 pub(super) const fn define_case(
     name: &'static str,
     description: &'static str,
-    configure_case: fn(&mut RandomCase),
+    configure_case: ConfigureCase,
 ) -> FaultCase {
     FaultCase {
         case_name: name,
@@ -35,47 +39,28 @@ pub(super) const fn define_case(
 }
 
 /// Case for vehicles that can hover.
-const fn hover_case(name: &'static str, description: &'static str, configure_case: fn(&mut RandomCase)) -> FaultCase {
-    FaultCase { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, configure_case) }
+const fn hover_case(name: &'static str, description: &'static str, configure: ConfigureCase) -> FaultCase {
+    FaultCase { applies_to_vehicle: VehicleKind::can_hover, ..define_case(name, description, configure) }
 }
 
 /// Case for vehicles that cannot hover.
-const fn non_hover_case(
-    name: &'static str,
-    description: &'static str,
-    configure_case: fn(&mut RandomCase),
-) -> FaultCase {
-    FaultCase {
-        applies_to_vehicle: |vehicle_kind| !vehicle_kind.can_hover(),
-        ..define_case(name, description, configure_case)
-    }
+const fn non_hover_case(name: &'static str, description: &'static str, configure: ConfigureCase) -> FaultCase {
+    FaultCase { applies_to_vehicle: |kind| !kind.can_hover(), ..define_case(name, description, configure) }
 }
 
 /// Case for autopilots with several senders or body rates.
-pub(super) const fn mavlink_case(
-    name: &'static str,
-    description: &'static str,
-    configure_case: fn(&mut RandomCase),
-) -> FaultCase {
-    FaultCase { needs_mavlink: true, ..define_case(name, description, configure_case) }
+pub(super) const fn mavlink_case(name: &'static str, description: &'static str, configure: ConfigureCase) -> FaultCase {
+    FaultCase { needs_mavlink: true, ..define_case(name, description, configure) }
 }
 
 /// Case of a permanent hard-iron change after the calibration.
-const fn hard_iron_case(
-    name: &'static str,
-    description: &'static str,
-    configure_case: fn(&mut RandomCase),
-) -> FaultCase {
-    FaultCase { changes_hard_iron: true, ..define_case(name, description, configure_case) }
+const fn hard_iron_case(name: &'static str, description: &'static str, configure: ConfigureCase) -> FaultCase {
+    FaultCase { changes_hard_iron: true, ..define_case(name, description, configure) }
 }
 
 /// Case of a permanent hard-iron change after the calibration, for autopilots with several senders or body rates.
-const fn mavlink_hard_iron_case(
-    name: &'static str,
-    description: &'static str,
-    configure_case: fn(&mut RandomCase),
-) -> FaultCase {
-    FaultCase { needs_mavlink: true, ..hard_iron_case(name, description, configure_case) }
+const fn mavlink_hard_iron_case(name: &'static str, description: &'static str, configure: ConfigureCase) -> FaultCase {
+    FaultCase { needs_mavlink: true, ..hard_iron_case(name, description, configure) }
 }
 
 /// All cases in the order of the report.
@@ -100,10 +85,7 @@ pub static ALL_CASES: &[FaultCase] = &[
     }),
     mavlink_case("gyro-ramp", "a gyro offset that grows by 2 deg/s in a minute", |flight| {
         let growth_deg_s2 = flight.random_stream.random_direction() * (2.0 / 60.0);
-        flight.add_attitude_fault(
-            FaultOnset::SOON_AND_PERMANENT,
-            rate_offset_ramp(flight.case_switch(), growth_deg_s2.into()),
-        );
+        flight.add_attitude_fault(SOON_AND_PERMANENT, rate_offset_ramp(flight.case_switch(), growth_deg_s2.into()));
     }),
     mavlink_hard_iron_case("gyro-1-moved-5", "as gyro-1, and hard iron moved by 5 uT", |flight| {
         flight.scale_gyro(1.0);
@@ -118,29 +100,22 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.change_hard_iron(5.0);
     }),
     define_case("imu-stuck-x", "the x axis of the module's own gyro repeats", |flight| {
-        let fault = stuck_gyro_axes(flight.case_switch(), [true, false, false], false);
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.stick_gyro_axes([true, false, false], false);
     }),
     define_case("imu-stuck-y", "the y axis of the module's own gyro repeats", |flight| {
-        let fault = stuck_gyro_axes(flight.case_switch(), [false, true, false], false);
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.stick_gyro_axes([false, true, false], false);
     }),
     define_case("imu-stuck-z", "the z axis of the module's own gyro repeats", |flight| {
-        let fault = stuck_gyro_axes(flight.case_switch(), [false, false, true], false);
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.stick_gyro_axes([false, false, true], false);
     }),
     define_case("imu-frozen", "the module's own gyro and accelerometer repeat", |flight| {
-        let fault = stuck_gyro_axes(flight.case_switch(), [true; 3], true);
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.stick_gyro_axes([true; 3], true);
     }),
     define_case("imu-clipped", "the module's own gyro is clipped at 8 deg/s", |flight| {
-        let fault = clipped_rates(flight.case_switch(), 8_f64.to_radians());
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.add_inertial_fault(SOON_AND_PERMANENT, clipped_rates(flight.case_switch(), 8_f64.to_radians()));
     }),
     define_case("imu-upset", "a bit of the range of the module's own gyro flips", |flight| {
-        let fault =
-            RegisterUpset { fault_switch: flight.case_switch(), register_bits: (0x11, 0x08), has_occurred: false };
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.add_inertial_fault(SOON_AND_PERMANENT, flight.register_upset(0x11, 0x08));
     }),
     define_case("imu-vibration", "vibration of the module of 5 deg/s and 1 g, aliased", |flight| {
         let alias_hz = flight.random_stream.uniform(0.01, 20.0);
@@ -148,12 +123,10 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.add_inertial_fault(FaultOnset::Always, fault);
     }),
     define_case("imu-silent", "the module's own gyro does not answer", |flight| {
-        let fault = SilentChip(flight.case_switch());
-        flight.add_inertial_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.add_inertial_fault(SOON_AND_PERMANENT, SilentChip(flight.case_switch()));
     }),
     define_case("imu-axes-wrong", "the module's own gyro is turned by 90 deg about the vertical", |flight| {
-        let fault = wrong_axes(flight.case_switch());
-        flight.add_inertial_fault(FaultOnset::Always, fault);
+        flight.add_inertial_fault(FaultOnset::Always, wrong_axes(flight.case_switch()));
     }),
     define_case("stuck-x", "the sensor's x axis repeats", |flight| flight.stick_axes([true, false, false])),
     define_case("stuck-y", "the sensor's y axis repeats", |flight| flight.stick_axes([false, true, false])),
@@ -168,18 +141,24 @@ pub static ALL_CASES: &[FaultCase] = &[
     }),
     define_case("sensor-spikes", "1 % of readings off by 30 uT", |flight| {
         let fault = measurement_spikes(flight.case_switch(), 0.01, 30.0 * COUNTS_PER_UT, flight.seed);
-        flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.add_sensor_fault(SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-noise", "five times the sensor's noise", |flight| {
         let fault = additional_noise(flight.case_switch(), 24_f64.sqrt() * SENSOR_SIGMA_COUNTS, flight.seed);
-        flight.add_sensor_fault(FaultOnset::SOON_AND_PERMANENT, fault);
+        flight.add_sensor_fault(SOON_AND_PERMANENT, fault);
     }),
     define_case("sensor-clipped", "an axis saturates within the circle", |flight| {
-        flight.clip_axis(FaultOnset::SOON_AND_PERMANENT);
+        flight.clip_axis(SOON_AND_PERMANENT);
     }),
-    define_case("upset-scale", "a full-scale bit flips", |flight| flight.upset_register(0x21, 0x20)),
-    define_case("upset-self-test", "the self-test bit flips", |flight| flight.upset_register(0x20, 0x01)),
-    define_case("upset-byte-order", "the byte-order bit flips", |flight| flight.upset_register(0x23, 0x02)),
+    define_case("upset-scale", "a full-scale bit flips", |flight| {
+        flight.add_sensor_fault(SOON_AND_PERMANENT, flight.register_upset(0x21, 0x20));
+    }),
+    define_case("upset-self-test", "the self-test bit flips", |flight| {
+        flight.add_sensor_fault(SOON_AND_PERMANENT, flight.register_upset(0x20, 0x01));
+    }),
+    define_case("upset-byte-order", "the byte-order bit flips", |flight| {
+        flight.add_sensor_fault(SOON_AND_PERMANENT, flight.register_upset(0x23, 0x02));
+    }),
     define_case("frozen-level", "attitude repeats from level flight on", |flight| {
         flight.freeze_attitude(INSTANT_IN_LEVEL_FLIGHT_S);
     }),
@@ -202,10 +181,7 @@ pub static ALL_CASES: &[FaultCase] = &[
     ),
     define_case("coarse", "attitude in tenths of a degree, without fault", RandomCase::quantise_attitude),
     define_case("spikes", "1 % of attitude messages wrong by 45 deg", |flight| {
-        flight.add_attitude_fault(
-            FaultOnset::SOON_AND_PERMANENT,
-            attitude_spikes(flight.case_switch(), 0.01, flight.seed),
-        );
+        flight.add_attitude_fault(SOON_AND_PERMANENT, attitude_spikes(flight.case_switch(), 0.01, flight.seed));
     }),
     mavlink_case("foreign", "a gimbal also sends attitude, 5 deg off", |flight| {
         flight.add_second_sender(Some(SenderKind::Other));
@@ -233,17 +209,17 @@ pub static ALL_CASES: &[FaultCase] = &[
         flight.send_forged_messages(ForgedMessage::Current(60.0));
     }),
     define_case("bias-2", "attitude bias of 2 deg", |flight| {
-        flight.bias_attitude(FaultOnset::SOON_AND_PERMANENT, 2.0);
+        flight.bias_attitude(SOON_AND_PERMANENT, 2.0);
     }),
     define_case("bias-5", "attitude bias of 5 deg", |flight| {
-        flight.bias_attitude(FaultOnset::SOON_AND_PERMANENT, 5.0);
+        flight.bias_attitude(SOON_AND_PERMANENT, 5.0);
     }),
     mavlink_case("aligning", "the attitude filter aligns on the ground", RandomCase::add_filter_alignment),
     define_case("lean-70", "attitude reads 70 % of the bank", |flight| {
-        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.7);
+        flight.scale_bank(SOON_AND_PERMANENT, 0.7);
     }),
     define_case("lean-30", "attitude reads 30 % of the bank", |flight| {
-        flight.scale_bank(FaultOnset::SOON_AND_PERMANENT, 0.3);
+        flight.scale_bank(SOON_AND_PERMANENT, 0.3);
     }),
     define_case("late-200", "attitude 200 ms later", |flight| flight.delay_attitude(200)),
     define_case("late-300", "attitude 300 ms later", |flight| flight.delay_attitude(300)),

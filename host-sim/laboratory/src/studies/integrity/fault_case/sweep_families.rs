@@ -52,8 +52,7 @@ pub static SWEEP_FAMILIES: &[FaultCase] = &[
     mavlink_case("sweep-gyro", "gyro offset that changes by 0.1 to 2 deg/s", |flight| {
         let size_rad_s = flight.random_stream.uniform(0.1, 2.0).to_radians();
         let offset_rad_s = flight.random_stream.random_direction() * size_rad_s;
-        let fault = rate_offset(flight.case_switch(), offset_rad_s.into());
-        flight.add_attitude_fault(flight.fault_onset, fault);
+        flight.add_attitude_fault(flight.fault_onset, rate_offset(flight.case_switch(), offset_rad_s.into()));
     }),
     define_case("sweep-latency", "attitude that becomes 50 to 500 ms later", |flight| {
         let latency_us = (1e3 * flight.random_stream.uniform(50.0, 500.0)) as u64;
