@@ -60,10 +60,9 @@ pub struct Rig {
     pub firmware_update: Rc<RefCell<Option<UpdateForBootLoader>>>,
     /// Sample memory, borrowed by the module while it runs.
     pub retained_samples: Rc<RefCell<RetainedSamples>>,
-    console_cable: SerialCable,
-    autopilot_cable: SerialCable,
-    instrument_cable: SerialCable,
-    reset_line: Rc<ResetLine>,
+    /// Cables of console, autopilot and instrument.
+    cables: [SerialCable; 3],
+    reset_line: ResetLine,
     can: Option<(CanEnd, NodeInfo)>,
 }
 
@@ -71,36 +70,44 @@ struct SimulatedBootLoader(Rc<RefCell<Option<UpdateForBootLoader>>>);
 
 impl UpdateHandOver for SimulatedBootLoader {
     fn hand_over_update(&mut self, update: &UpdateForBootLoader) {
-        *self.0.borrow_mut() = Some(update.clone());
+        self.0.replace(Some(update.clone()));
     }
 }
 
+/// Handle to what resets the module: a command, or the watchdog.
+#[derive(Clone)]
 struct ResetLine {
     stop: Stop,
-    cause: RefCell<Option<ResetCause>>,
-    watchdog_due_us: Cell<u64>,
+    cause: Rc<Cell<Option<ResetCause>>>,
+    watchdog_due_us: Rc<Cell<u64>>,
 }
 
 impl ResetLine {
     fn request_reset(&self, cause: ResetCause) {
-        *self.cause.borrow_mut() = Some(cause);
+        self.cause.set(Some(cause));
         self.stop.request();
     }
-}
 
-struct SimulatedPlatform(Rc<ResetLine>);
-
-impl Platform for SimulatedPlatform {
-    fn reboot(&mut self) {
-        self.0.request_reset(ResetCause::Software);
+    /// Resets the module if the watchdog was not fed in time.
+    async fn run_watchdog_timer(self) {
+        loop {
+            Timer::after(Duration::from_millis(50)).await;
+            if clock::now_us() > self.watchdog_due_us.get() {
+                self.request_reset(ResetCause::Watchdog);
+            }
+        }
     }
 }
 
-struct SimulatedWatchdog(Rc<ResetLine>);
+impl Platform for ResetLine {
+    fn reboot(&mut self) {
+        self.request_reset(ResetCause::Software);
+    }
+}
 
-impl Watchdog for SimulatedWatchdog {
+impl Watchdog for ResetLine {
     fn feed(&mut self) {
-        self.0.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+        self.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
     }
 }
 
@@ -157,21 +164,16 @@ impl Rig {
     pub fn with_port_devices(config: WorldConfig, faults: Faults, port_devices: [FarEnd; PORT_COUNT]) -> Self {
         let mut simulation = Simulation::new();
         let world = World::new(config);
-        let console_cable = SerialCable::new(CableConfig::default());
-        let autopilot_cable = SerialCable::new(CableConfig::default());
-        let instrument_cable = SerialCable::new(CableConfig::default());
+        let cables = [(); 3].map(|()| SerialCable::new(CableConfig::default()));
+        let [console, autopilot, instrument] = cables.each_ref().map(SerialCable::host_end);
         let field = world.magnetometer_source(faults.field_faults);
         let magnetometer = SimulatedMagnetometer::new(config.sensor, config.seed, field, faults.sensor_faults);
         let inertial_sensor = (config.attitude != AttitudeSource::Autopilot).then(|| {
             let (source, bus) = (world.inertial_source(), magnetometer.i2c_bus());
             SimulatedInertialSensor::new(config.seed, source, bus, faults.inertial_faults)
         });
-        let reset_line = Rc::new(ResetLine {
-            stop: simulation.stop_handle(),
-            cause: RefCell::new(None),
-            watchdog_due_us: Cell::new(u64::MAX),
-        });
-        let (autopilot, instrument) = (autopilot_cable.host_end(), instrument_cable.host_end());
+        let watchdog_due_us = Rc::new(Cell::new(u64::MAX));
+        let reset_line = ResetLine { stop: simulation.stop_handle(), cause: Rc::default(), watchdog_due_us };
         let [port_1_device, port_2_device] = port_devices;
         let port_devices = [
             port_1_device.attach_device(&mut simulation, &world, autopilot.clone(), faults.attitude_faults),
@@ -180,11 +182,11 @@ impl Rig {
         for fault in faults.link_faults {
             simulation.spawn(ExecutorLevel::World, "link fault", fault.run_fault(world.clone(), autopilot.clone()));
         }
-        simulation.spawn(ExecutorLevel::World, "watchdog timer", watchdog_timer(reset_line.clone()));
+        simulation.spawn(ExecutorLevel::World, "watchdog timer", reset_line.clone().run_watchdog_timer());
         let mut rig = Self {
             simulation,
             world,
-            console: console_cable.host_end(),
+            console,
             autopilot,
             instrument,
             port_devices,
@@ -194,9 +196,7 @@ impl Rig {
             panel: SimulatedPanel::default(),
             firmware_update: Rc::default(),
             retained_samples: Rc::new(RefCell::new(RetainedSamples::EMPTY)),
-            console_cable,
-            autopilot_cable,
-            instrument_cable,
+            cables,
             reset_line,
             can: None,
         };
@@ -245,13 +245,13 @@ impl Rig {
             self.retained_samples.borrow_mut().transform_words(|_| random.bits() as u32);
         }
         self.flash.power_on();
-        self.reset_line.watchdog_due_us.set(clock::now_us() + WATCHDOG_US);
+        let mut watchdog = self.reset_line.clone();
+        watchdog.feed();
         let links = Rc::new(TaskLinks::new());
-        let (console_rx, console_tx) = self.console_cable.module_ends();
+        let [console_cable, port_cables @ ..] = &self.cables;
+        let (console_rx, console_tx) = console_cable.module_ends();
         let store = Store::new(self.flash.clone(), 0..STORE_BYTES as u32);
-        let platform = SimulatedPlatform(self.reset_line.clone());
-        let watchdog = SimulatedWatchdog(self.reset_line.clone());
-        let panel = self.panel.clone();
+        let (platform, panel) = (self.reset_line.clone(), self.panel.clone());
         let simulation = &mut self.simulation;
         self.magnetometer.spawn_task(simulation, links.clone());
         if let Some(inertial_sensor) = &self.inertial_sensor {
@@ -261,9 +261,7 @@ impl Rig {
         simulation.spawn(ExecutorLevel::Interrupt, "instrument", async move {
             app::instrument::run_instrument(&task_links).await;
         });
-        for (port_number, cable) in
-            PortNumber::ALL_PORTS.into_iter().zip([&self.autopilot_cable, &self.instrument_cable])
-        {
+        for (port_number, cable) in PortNumber::ALL_PORTS.into_iter().zip(port_cables) {
             let (task_links, (rx, tx)) = (links.clone(), cable.module_ends());
             simulation.spawn(ExecutorLevel::Interrupt, "port", async move {
                 app::port::run_port(&task_links, port_number, rx, tx).await;
@@ -334,24 +332,13 @@ impl Module for Rig {
             match self.simulation.run_until(until_us) {
                 RunEnd::Time => return ModuleRunEnd::Time,
                 RunEnd::Stopped => {
-                    let cause = self.reset_line.cause.borrow_mut().take();
-                    let Some(cause) = cause else {
+                    let Some(cause) = self.reset_line.cause.take() else {
                         self.power_off();
                         return ModuleRunEnd::PowerCut;
                     };
                     self.power_on(cause);
                 }
             }
-        }
-    }
-}
-
-/// Resets the module if the watchdog was not fed in time.
-async fn watchdog_timer(reset_line: Rc<ResetLine>) {
-    loop {
-        Timer::after(Duration::from_millis(50)).await;
-        if clock::now_us() > reset_line.watchdog_due_us.get() {
-            reset_line.request_reset(ResetCause::Watchdog);
         }
     }
 }

@@ -222,10 +222,7 @@ impl Simulation {
 ///
 /// If it does not end within 100 s of simulation time.
 pub fn run_script(script: impl Future<Output = ()> + 'static) {
-    let mut simulation = Simulation::new();
-    simulation.spawn(ExecutorLevel::Interrupt, "script", script);
-    simulation.run_for(100_000_000);
-    assert_eq!(simulation.task_count(), 0, "the script did not end");
+    Simulation::new().run_to_end(ExecutorLevel::Interrupt, script);
 }
 
 impl Task {
