@@ -1,16 +1,16 @@
 //! Automatic calibration without console commands, indicated by the lamp.
 
-use simulator::module::{Module as _, ModuleRunEnd};
+use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::transcript::{self, Refusal};
 use simulator::world::aircraft::VehicleKind;
 
-use crate::fixtures::{append_routine, full_status, world_with_vehicle};
+use crate::fixtures::{append_routine, full_status, run_for_s, world_with_vehicle};
 
 fn lamp_lit_percent(rig: &mut Rig) -> u32 {
     let mut lit_count = 0;
     for _ in 0..200 {
-        assert_eq!(rig.run_for_s(0.01), ModuleRunEnd::Time);
+        run_for_s(rig, 0.01);
         lit_count += u32::from(rig.panel.is_lit());
     }
     lit_count / 2
@@ -22,7 +22,7 @@ fn fly_armed_routine(rig: &mut Rig) -> (Option<Result<(), Refusal>>, u32) {
     append_routine(&rig.world);
     let (mut printed, mut lamp) = (String::new(), 0);
     for second in 0..240 {
-        assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
+        run_for_s(rig, 1.0);
         printed.push_str(&rig.take_console_output());
         if second == 25 {
             lamp = lamp_lit_percent(rig);

@@ -1,19 +1,17 @@
 //! Console commands and line editing over the simulated cable.
 
 use autoswing_module::settings::SETTINGS;
-use mavlink_dialect::{ATTITUDE_DATA, MAVLinkV2MessageRaw, MavHeader};
 use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
 use testkit::documents;
+use testkit::frames::mavlink_attitude;
 
-use crate::fixtures::full_status;
+use crate::fixtures::{full_status, started_rig};
 
-fn started_rig() -> Rig {
-    let mut rig = Rig::new(WorldConfig::of_table1(1));
-    rig.run_for_s(1.0);
-    rig
+fn table1_rig() -> Rig {
+    started_rig(&WorldConfig::of_table1(1))
 }
 
 /// The answer without the echo and the prompt.
@@ -26,14 +24,14 @@ fn answer(rig: &mut Rig, line: &str) -> String {
 
 #[test]
 fn the_console_prints_version_and_reset_cause_at_start() {
-    let rig = started_rig();
+    let rig = table1_rig();
     assert_eq!(rig.take_console_output(), "autoswing 0.1.0, started by power-on; help lists the commands\r\n> ");
 }
 
 /// The parser's errors are tested beside it.
 #[test]
 fn every_command_answers_ok_or_error_with_a_code() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     rig.take_console_output();
     for (line, expected_answer) in [
         ("version", "ok autoswing 0.1.0"),
@@ -90,7 +88,7 @@ fn every_command_answers_ok_or_error_with_a_code() {
 
 #[test]
 fn status_shows_what_is_connected() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     let status = full_status(&mut rig);
     assert!(status.contains("sensor: LIS3MDL at 1e"), "{status}");
     assert!(status.contains("attitude: roll "), "{status}");
@@ -106,15 +104,9 @@ fn status_shows_what_is_connected() {
 
 #[test]
 fn status_counts_attitude_of_other_senders() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     for tick in 0..100 {
-        let foreign_attitude = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll: -0.8, ..Default::default() };
-        let mut frame = MAVLinkV2MessageRaw::new();
-        frame.serialize_message_data(
-            MavHeader { system_id: 2, component_id: 1, sequence: tick as u8 },
-            &foreign_attitude,
-        );
-        rig.autopilot.send_bytes(frame.raw_bytes());
+        rig.autopilot.send_bytes(&mavlink_attitude([2, 1], 20 * tick, [-0.8, 0.0, 0.0, 0.0, 0.0, 0.0]));
         rig.run_for_s(0.02);
         if tick % 10 == 0 {
             let status = full_status(&mut rig);
@@ -126,7 +118,7 @@ fn status_counts_attitude_of_other_senders() {
 
 #[test]
 fn tab_completes_up_recalls_backspace_deletes() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     rig.take_console_output();
     assert!(rig.send_console_line("vers\t").contains("ok autoswing"));
     assert!(rig.send_console_line("\x1b[A").contains("ok autoswing"), "arrow up brings the last line back");
@@ -148,7 +140,7 @@ fn tab_completes_up_recalls_backspace_deletes() {
 
 #[test]
 fn settings_last_over_a_restart() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     rig.send_console_line("set declination -11.27");
     assert!(full_status(&mut rig).contains("stream: on, 10 Hz, heading smooth"));
     rig.send_console_line("set stream-rate 5");
@@ -175,7 +167,7 @@ fn settings_last_over_a_restart() {
 
 #[test]
 fn an_armed_module_refuses_ground_commands() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     rig.take_console_output();
     rig.world.set_armed(true);
     // Heartbeats are 1 s apart.
@@ -214,7 +206,7 @@ fn an_armed_module_refuses_ground_commands() {
 
 #[test]
 fn an_overlong_line_is_refused_and_not_cut() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     // Truncated after 64 characters, this is a valid, destructive command.
     let line = format!("cal clear all{}oops", " ".repeat(60));
     assert!(rig.send_console_line(&line).contains("error line-too-long: a line holds 64 characters"));
@@ -230,7 +222,7 @@ fn documented_examples_match_the_output() {
     let mut typed = 0;
     for name in DOCUMENTS {
         let document = documents::document_text(name);
-        let mut rig = started_rig();
+        let mut rig = table1_rig();
         rig.take_console_output();
         for block in document.split("```text\n").skip(1).map(|after_fence| after_fence.split("```").next().unwrap()) {
             let mut lines = block.lines().peekable();
@@ -280,7 +272,7 @@ fn helped_commands(help: &str, word_count: usize) -> Vec<String> {
 /// docs/commands.txt has the help of every command, and the settings as they leave the factory.
 #[test]
 fn the_list_of_commands_is_the_help_of_the_console() {
-    let mut rig = started_rig();
+    let mut rig = table1_rig();
     let mut help_of = |topic: &str| answer(&mut rig, &format!("help {topic}"));
     let mut text = "> help COMMAND\n".to_owned();
     for first_word in helped_commands(&help_of(""), 1) {

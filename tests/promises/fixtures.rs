@@ -8,7 +8,7 @@ use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::rig::Rig;
 use simulator::routine::{CalibrationRoutine, TurnPlan};
 use simulator::transcript::{self, Refusal, ShownCalibration};
-use simulator::world::aircraft::VehicleKind;
+use simulator::world::aircraft::{VehicleConfig, VehicleKind};
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::FarEnd;
 use simulator::world::mavlink_autopilot::MavlinkFirmware;
@@ -29,10 +29,14 @@ pub const HEADING_ERROR_BOUND_DEG: f64 = 2.5;
 
 pub fn world_with_vehicle(vehicle_kind: VehicleKind) -> WorldConfig {
     let world = WorldConfig::of_table1(7);
-    WorldConfig {
-        aircraft: simulator::world::aircraft::VehicleConfig { kind: vehicle_kind, ..world.aircraft },
-        ..world
-    }
+    WorldConfig { aircraft: VehicleConfig { kind: vehicle_kind, ..world.aircraft }, ..world }
+}
+
+/// A module one second after power-on.
+pub fn started_rig(world: &WorldConfig) -> Rig {
+    let mut rig = Rig::new(*world);
+    run_for_s(&mut rig, 1.0);
+    rig
 }
 
 pub fn run_for_s(rig: &mut Rig, seconds: f64) {
@@ -102,8 +106,7 @@ pub fn shown_calibration(rig: &mut Rig) -> Option<ShownCalibration> {
 pub fn calibrated_rig() -> Rig {
     static CALIBRATED_FLASH: OnceLock<Vec<u8>> = OnceLock::new();
     let flash = CALIBRATED_FLASH.get_or_init(|| {
-        let mut rig = Rig::new(WorldConfig::of_table1(3));
-        run_for_s(&mut rig, 1.0);
+        let mut rig = started_rig(&WorldConfig::of_table1(3));
         assert_eq!(fly_turns(&mut rig), Some(Ok(())));
         rig.flash.flash_contents()
     });
@@ -118,9 +121,13 @@ pub fn calibrated_rig() -> Rig {
 pub fn received_sentences(rig: &mut Rig, seconds: f64) -> Vec<HeadingSentence> {
     let _ = rig.instrument.receive_bytes();
     run_for_s(rig, seconds);
+    parse_sentences(&rig.instrument.receive_bytes())
+}
+
+/// Sentences of a line, of which the first may be cut.
+pub fn parse_sentences(bytes: &[u8]) -> Vec<HeadingSentence> {
     let mut reader = SentenceReader::default();
-    let bytes = rig.instrument.receive_timed();
-    let sentences = bytes.into_iter().filter_map(|byte| reader.push_byte(byte.byte)).collect();
+    let sentences = bytes.iter().filter_map(|&byte| reader.push_byte(byte)).collect();
     assert!(reader.invalid_lines <= 1, "{} broken lines", reader.invalid_lines);
     sentences
 }

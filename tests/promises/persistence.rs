@@ -12,7 +12,8 @@ use simulator::world::autopilot::Leg;
 use testkit::flash::CutProgress;
 
 use crate::fixtures::{
-    append_routine, calibrated_rig, fly_turns, full_status, run_until_legs_end, shown_calibration, status_line,
+    append_routine, calibrated_rig, fly_turns, full_status, run_for_s, run_until_legs_end, shown_calibration,
+    started_rig, status_line,
 };
 
 #[test]
@@ -37,8 +38,7 @@ fn a_power_cut_in_the_first_save_leaves_the_new_calibration_or_none() {
     let mut outcome_counts = [0, 0];
     for operations in (0..40).step_by(4) {
         for cut in CutProgress::ALL {
-            let mut rig = Rig::new(WorldConfig::of_table1(3));
-            rig.run_for_s(1.0);
+            let mut rig = started_rig(&WorldConfig::of_table1(3));
             rig.cut_power_after(operations, cut);
             if fly_turns(&mut rig).is_some() {
                 continue; // The save was over before the cut.
@@ -150,8 +150,7 @@ fn a_calibration_that_is_no_better_changes_nothing() {
     let mut unchanged = 0;
     let mut replaced = 0;
     for seed in 0..8 {
-        let mut rig = Rig::new(WorldConfig::random_world(seed));
-        rig.run_for_s(1.0);
+        let mut rig = started_rig(&WorldConfig::random_world(seed));
         fly_turns(&mut rig);
         let first = shown_calibration(&mut rig).unwrap();
         let outcome = fly_turns(&mut rig).unwrap();
@@ -197,7 +196,7 @@ fn arm_and_start_routine(rig: &mut Rig) {
 fn output_until_routine_end(rig: &mut Rig) -> String {
     let mut transcript_text = String::new();
     while rig.world.unfinished_leg_count() > 0 && transcript::parse_solve_notice(&transcript_text).is_none() {
-        assert_eq!(rig.run_for_s(1.0), ModuleRunEnd::Time);
+        run_for_s(rig, 1.0);
         transcript_text.push_str(&rig.take_console_output());
     }
     transcript_text

@@ -13,16 +13,15 @@ use laboratory::serve::{
     ServedModule,
 };
 use log_analysis::score::wrap_180;
-use mavlink_dialect::{ATTITUDE_DATA, MAVLinkV2MessageRaw, MavHeader};
 use serde_json::Value;
-use simulator::nmea::SentenceReader;
 use simulator::rig::STORE_BYTES;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::VehicleKind;
+use testkit::frames::mavlink_attitude;
 use testkit::random::Random;
 
 use crate::fixtures::program::{host_sim_command, interrupt_for_exit_code};
-use crate::fixtures::{HEADING_ERROR_BOUND_DEG, max_error_deg};
+use crate::fixtures::{HEADING_ERROR_BOUND_DEG, max_error_deg, parse_sentences};
 
 const SECOND_US: u64 = 1_000_000;
 
@@ -43,13 +42,12 @@ fn send_typed_command(served_module: &mut ServedModule, line: &str) -> String {
 fn received_headings(served_module: &mut ServedModule, seconds: u64) -> Vec<Option<f64>> {
     drop(served_module.receive_bytes(INSTRUMENT_PORT));
     served_module.advance_time(seconds * SECOND_US);
-    parse_sentences(&served_module.receive_bytes(INSTRUMENT_PORT))
+    parse_headings(&served_module.receive_bytes(INSTRUMENT_PORT))
 }
 
-fn parse_sentences(bytes: &[u8]) -> Vec<Option<f64>> {
-    let mut reader = SentenceReader::default();
-    let received = bytes.iter().filter_map(|&byte| reader.push_byte(byte));
-    received.filter(|sentence| sentence.sentence_kind == "HCHDM").map(|sentence| sentence.heading_deg).collect()
+fn parse_headings(bytes: &[u8]) -> Vec<Option<f64>> {
+    let magnetic = parse_sentences(bytes).into_iter().filter(|sentence| sentence.sentence_kind == "HCHDM");
+    magnetic.map(|sentence| sentence.heading_deg).collect()
 }
 
 /// Flash contents after a calibration by `cal start turns`.
@@ -172,8 +170,8 @@ fn the_first_attitude_of_another_simulator_is_no_change_of_iron() {
         let mut served_module =
             ServedModule::new(WorldConfig::of_table1(1), WITH_EXTERNAL_SIMULATOR, Some(&CALIBRATED_FLASH));
         served_module.advance_time(first_at_us);
-        let sentences = parse_sentences(&served_module.receive_bytes(INSTRUMENT_PORT));
-        assert!(sentences.iter().all(Option::is_none), "{deg}");
+        let headings = parse_headings(&served_module.receive_bytes(INSTRUMENT_PORT));
+        assert!(headings.iter().all(Option::is_none), "{deg}");
         assert!(served_module.execute_pilot_line("status").unwrap().contains("attitude from nobody yet"));
         if first_at_us > SECOND_US {
             let status = send_typed_command(&mut served_module, "status all");
@@ -209,11 +207,7 @@ fn malformed_attitudes_are_counted_and_ignored() {
 
 /// ATTITUDE of another autopilot with a characteristic roll.
 fn peer_attitude_frame(tick: u32) -> Vec<u8> {
-    let roll = 0.7 + 0.001 * (tick % 7) as f32;
-    let attitude = ATTITUDE_DATA { time_boot_ms: 20 * tick, roll, rollspeed: 0.01, ..Default::default() };
-    let mut frame = MAVLinkV2MessageRaw::new();
-    frame.serialize_message_data(MavHeader { system_id: 9, component_id: 1, sequence: tick as u8 }, &attitude);
-    frame.raw_bytes().to_vec()
+    mavlink_attitude([9, 1], 20 * tick, [0.7 + 0.001 * (tick % 7) as f32, 0.0, 0.0, 0.01, 0.0, 0.0])
 }
 
 /// The simulator stops sending while another autopilot sends, and resumes three seconds after its last message. The
@@ -393,7 +387,7 @@ fn serve_over_tcp_answers_streams_follows_and_ends() {
     // Both connections receive the same output, long enough to observe the turn.
     for mut listener in [program.connect_tcp(INSTRUMENT_PORT), program.connect_tcp(INSTRUMENT_PORT)] {
         let is_east = |read: &[u8]| {
-            parse_sentences(read)
+            parse_headings(read)
                 .iter()
                 .flatten()
                 .any(|heading_deg| wrap_180(heading_deg - 90.0).abs() < HEADING_ERROR_BOUND_DEG)
