@@ -7,7 +7,7 @@
 
 use std::fmt;
 
-use super::flight::{LogFormat, LoggedFlight};
+use super::parameters::ParameterHistory;
 
 /// ArduPilot has calibration parameters of three compasses.
 pub(crate) const ARDUPILOT_SLOTS: std::ops::RangeInclusive<u8> = 1..=3;
@@ -133,9 +133,12 @@ pub(crate) fn external_parameter(slot: u8) -> String {
     if slot == 1 { "COMPASS_EXTERNAL".to_owned() } else { format!("COMPASS_EXTERN{slot}") }
 }
 
-/// Assignment of the compasses of an ArduPilot log to slots, by its format, firmware and parameters.
+/// The part of an ArduPilot log that assigns compasses to slots.
 pub(super) struct ArdupilotSlots<'a> {
-    pub flight: &'a LoggedFlight,
+    pub parameters: &'a ParameterHistory,
+    /// Whether the log contains all parameters, as DataFlash does.
+    pub has_all_parameters: bool,
+    pub firmware_name: Option<&'a str>,
     pub compass_count: usize,
 }
 
@@ -165,20 +168,17 @@ impl ArdupilotSlots<'_> {
     pub fn device_id(&self, compass_number: u8, slot: CompassSlot) -> Option<DeviceId> {
         let value = match slot.index() {
             Some(index) => self.device_id_value(index),
-            None => self.flight.parameters.last_value(&format!("COMPASS_PRIO{compass_number}_ID")),
+            None => self.parameters.last_value(&format!("COMPASS_PRIO{compass_number}_ID")),
         };
         DeviceId::from_parameter(value?)
     }
 
     fn assigned_slot(&self, compass_number: u8) -> Result<u8, UnknownSlot> {
-        let parameters = &self.flight.parameters;
-        // A telemetry link may lose parameters; DataFlash has all of them.
-        let has_all_parameters = self.flight.log_format != LogFormat::TLog;
-        let index = if !parameters.has_prefix("COMPASS_") {
+        let index = if !self.parameters.has_prefix("COMPASS_") {
             return Err(UnknownSlot::NoParameters);
-        } else if parameters.has_prefix("COMPASS_PRIO") {
+        } else if self.parameters.has_prefix("COMPASS_PRIO") {
             return self.slot_of_priority(compass_number);
-        } else if has_all_parameters || self.is_before_priorities() {
+        } else if self.has_all_parameters || self.is_before_priorities() {
             Some(compass_number).filter(|number| ARDUPILOT_SLOTS.contains(number))
         } else {
             self.slot_of_only_compass(compass_number)
@@ -187,7 +187,7 @@ impl ArdupilotSlots<'_> {
     }
 
     fn slot_of_priority(&self, priority: u8) -> Result<u8, UnknownSlot> {
-        let id = self.flight.parameters.last_value(&format!("COMPASS_PRIO{priority}_ID")).filter(|id| *id != 0.0);
+        let id = self.parameters.last_value(&format!("COMPASS_PRIO{priority}_ID")).filter(|id| *id != 0.0);
         let id = id.ok_or(UnknownSlot::NoPriorityId(priority))?;
         let mut slots = ARDUPILOT_SLOTS.filter(|slot| self.device_id_value(*slot) == Some(id));
         slots.next().filter(|_| slots.next().is_none()).ok_or(UnknownSlot::NoUniqueDeviceId(priority))
@@ -202,20 +202,20 @@ impl ArdupilotSlots<'_> {
 
     /// Whether the firmware is older than 4.1, with the offsets of all compasses in the log.
     fn is_before_priorities(&self) -> bool {
-        let is_old = self.flight.firmware_version().is_some_and(|version| version < (4, 1));
-        let is_logged = |name: &String| self.flight.parameters.last_value(name).is_some();
-        let has_offsets = |slot: u8| ardupilot_vector("OFS", slot).iter().all(is_logged);
+        let is_old = self.firmware_name.and_then(firmware_version).is_some_and(|version| version < (4, 1));
+        let has_offsets =
+            |slot: u8| ardupilot_vector("OFS", slot).iter().all(|name| self.parameters.last_value(name).is_some());
         is_old && ARDUPILOT_SLOTS.take(self.compass_count).all(has_offsets)
     }
 
     fn device_id_value(&self, slot: u8) -> Option<f64> {
-        self.flight.parameters.last_value(&format!("COMPASS_DEV_ID{}", ardupilot_index(slot)))
+        self.parameters.last_value(&format!("COMPASS_DEV_ID{}", ardupilot_index(slot)))
     }
 
     /// Slots whose offset parameters are these at a time.
     fn slots_with(&self, t_s: f64, offsets_mg: [f32; 3]) -> Vec<u8> {
         let matches = |slot: &u8| {
-            let logged = ardupilot_vector("OFS", *slot).map(|name| self.flight.parameters.value_at(t_s, &name));
+            let logged = ardupilot_vector("OFS", *slot).map(|name| self.parameters.value_at(t_s, &name));
             let is_near = |(logged, offset_mg): (&Option<f64>, f32)| {
                 (logged.unwrap_or(0.0) - f64::from(offset_mg)).abs() <= MAX_OFFSET_ROUNDING_MG
             };
@@ -223,6 +223,15 @@ impl ArdupilotSlots<'_> {
         };
         ARDUPILOT_SLOTS.filter(matches).collect()
     }
+}
+
+/// Major and minor version in the name of a firmware, as `ArduCopter V3.6.12 (0c5e999c)` or `PX4 1.15.0`.
+pub(super) fn firmware_version(name: &str) -> Option<(u32, u32)> {
+    name.split_whitespace().find_map(|word| {
+        let (major, rest) = word.trim_start_matches(['V', 'v']).split_once('.')?;
+        let minor: String = rest.chars().take_while(char::is_ascii_digit).collect();
+        Some((major.parse().ok()?, minor.parse().ok()?))
+    })
 }
 
 /// Device id of a sensor, in the layout common to ArduPilot and PX4: bits 0 to 2 are the type of the bus, 3 to 7 the bus, 8
@@ -299,17 +308,12 @@ impl DeviceId {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::parameters::ParameterHistory;
 
     const FIRST_ID: f64 = 97_539.0;
     const SECOND_ID: f64 = 131_874.0;
 
-    fn flight_with(log_format: LogFormat, parameters: &[(&str, f64)]) -> LoggedFlight {
-        LoggedFlight { parameters: ParameterHistory::of_values(parameters), ..LoggedFlight::new(log_format) }
-    }
-
-    fn slots(flight: &LoggedFlight) -> ArdupilotSlots<'_> {
-        ArdupilotSlots { flight, compass_count: 2 }
+    fn slots(parameters: &ParameterHistory) -> ArdupilotSlots<'_> {
+        ArdupilotSlots { parameters, has_all_parameters: true, firmware_name: None, compass_count: 2 }
     }
 
     const IDS: [(&str, f64); 4] = [
@@ -322,8 +326,8 @@ mod tests {
 
     #[test]
     fn a_priority_has_the_slot_of_its_device_id_if_the_offsets_in_use_agree() {
-        let flight = flight_with(LogFormat::DataFlash, &[&IDS[..], &OFFSETS].concat());
-        let slots = slots(&flight);
+        let parameters = ParameterHistory::of_values(&[&IDS[..], &OFFSETS].concat());
+        let slots = slots(&parameters);
         let slot_with_x = |x_mg: f32| slots.slot(1, Some((1.0, [x_mg, 0.0, 0.0])));
         assert_eq!(slots.slot(1, None), CompassSlot::Known(2));
         assert_eq!(slot_with_x(-50.0), CompassSlot::Known(2));
@@ -342,9 +346,9 @@ mod tests {
             ("COMPASS_PRIO1_ID", 5.0, UnknownSlot::NoUniqueDeviceId(1)),
             ("COMPASS_DEV_ID", SECOND_ID, UnknownSlot::NoUniqueDeviceId(1)),
         ] {
-            let mut flight = flight_with(LogFormat::DataFlash, &[&IDS[..], &OFFSETS].concat());
-            flight.parameters.replace_value(changed, value);
-            assert_eq!(slots(&flight).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown(reason));
+            let mut parameters = ParameterHistory::of_values(&[&IDS[..], &OFFSETS].concat());
+            parameters.replace_value(changed, value);
+            assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown(reason));
         }
     }
 
@@ -353,10 +357,10 @@ mod tests {
         let offsets: Vec<String> =
             ["", "2"].iter().flat_map(|n| ["X", "Y", "Z"].map(|axis| format!("COMPASS_OFS{n}_{axis}"))).collect();
         let offsets: Vec<(&str, f64)> = offsets.iter().map(|name| (name.as_str(), 7.0)).collect();
-        let of_link = |values: &[(&str, f64)], firmware_name: Option<&str>, compass_count| {
-            let mut flight = flight_with(LogFormat::TLog, values);
-            flight.firmware_name = firmware_name.map(str::to_owned);
-            ArdupilotSlots { flight: &flight, compass_count }.slot(1, None)
+        let of_link = |values: &[(&str, f64)], firmware_name, compass_count| {
+            let parameters = ParameterHistory::of_values(values);
+            ArdupilotSlots { parameters: &parameters, has_all_parameters: false, firmware_name, compass_count }
+                .slot(1, None)
         };
         let several = CompassSlot::Unknown(UnknownSlot::SeveralCompasses);
         assert_eq!(of_link(&offsets, None, 1), CompassSlot::Known(1));

@@ -270,7 +270,7 @@ fn drop_attitude_spikes(attitude: &mut Series<3>) {
         after.t_s - before.t_s < MAX_INTERVAL_S && (0..3).any(is_angle_spike)
     };
     let spikes: Vec<bool> = attitude.rows().windows(3).map(is_spike).collect();
-    attitude.retain_rows(|index, _| index.checked_sub(1).and_then(|first| spikes.get(first)) != Some(&true));
+    attitude.retain_rows(|index| index.checked_sub(1).and_then(|first| spikes.get(first)) != Some(&true));
 }
 
 /// Repairs the battery current. Fields during a drop-out are not used, since their interference is unknown; a table's own
@@ -344,11 +344,11 @@ fn correction_residuals(
         let mut corrected = corrected.clone();
         corrected.sort_and_dedup();
         let mounting = px4_mounting(&flight.parameters, f64::INFINITY, index);
-        let body_row = |row: &TimedRow<6>| {
+        let mut raw = Series::new();
+        for row in field.rows() {
             let [x, y, z, ..] = row.row_values.map(f64::from);
-            (row.t_s, (mounting * Vector3::new(x, y, z)).map(|axis| axis as f32).into())
-        };
-        let raw = field.rows().iter().map(body_row).collect();
+            raw.push_row(row.t_s, (mounting * Vector3::new(x, y, z)).map(|axis| axis as f32).into());
+        }
         let correction = FieldCorrection::from_px4(&flight.parameters, index);
         let residual = CorrectionResidual::new(&raw, &corrected, &correction, &flight.battery_current, from_s)?;
         Some((*compass_number, residual))
@@ -385,7 +385,12 @@ fn slot_and_device_id(
 ) -> (CompassSlot, Option<DeviceId>) {
     match field_processing {
         FieldProcessing::ArduPilot => {
-            let slots = ArdupilotSlots { flight, compass_count };
+            let slots = ArdupilotSlots {
+                parameters: &flight.parameters,
+                has_all_parameters: flight.log_format != LogFormat::TLog,
+                firmware_name: flight.firmware_name.as_deref(),
+                compass_count,
+            };
             let slot = slots.slot(compass_number, offsets.first().map(|row| (row.t_s, row.row_values)));
             (slot, slots.device_id(compass_number, slot))
         }

@@ -1,4 +1,4 @@
-//! Inputs and results of a replay.
+//! Options and results of a replay.
 
 use autoswing::calibration::Solution;
 use autoswing::earth::{Date, EarthField, Position};
@@ -19,9 +19,11 @@ pub enum RowSelection {
     Flight,
 }
 
-/// Prior information on the Earth field.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct EarthFieldPrior {
+/// Options of a replay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReplayOptions {
+    /// Rows used for the fit.
+    pub row_selection: RowSelection,
     /// Configured inclination of the Earth field, degrees.
     pub inclination_deg: Option<f64>,
     /// Place and day for the field model, used if no inclination is configured and dropped if the samples contradict
@@ -29,7 +31,13 @@ pub struct EarthFieldPrior {
     pub place_and_day: Option<(Position, Date)>,
 }
 
-impl EarthFieldPrior {
+impl ReplayOptions {
+    /// Options with a row selection and no prior information.
+    #[must_use]
+    pub const fn with_selection(selected: RowSelection) -> Self {
+        Self { row_selection: selected, inclination_deg: None, place_and_day: None }
+    }
+
     /// Configured inclination, else that of the field model, radians.
     pub(super) fn inclination_rad(&self) -> Option<f32> {
         let by_model = || {
