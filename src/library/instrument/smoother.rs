@@ -7,14 +7,12 @@
 
 use core::f32::consts::PI;
 
+use super::monitor::MAX_SAMPLE_GAP_S;
 use crate::attitude::GyroHeading;
 use crate::frames::wrap_pi;
 use crate::heading::Heading;
 use crate::time::Timestamp;
 use crate::trig::{DEG, sqrt, square};
-
-/// Longest gap bridged by the gyro, microseconds.
-const MAX_GAP_US: u64 = 3_000_000;
 
 /// Lower limit of a raw heading's variance, rad^2: a sigma of 0.05 deg.
 const MIN_RAW_VARIANCE_RAD2: f32 = square(0.05 * DEG);
@@ -90,10 +88,10 @@ impl HeadingSmoother {
         let last = self.last_reading.replace((at, *gyro_heading));
         let noise_rad2 = (square(raw.sigma_rad) - raw.systematic_variance_rad2).max(MIN_RAW_VARIANCE_RAD2);
         let difference_rad = monitored.map(|monitored| wrap_pi(raw.magnetic_rad - monitored.magnetic_rad));
-        let continued = last.filter(|(last_at, last)| {
-            last.run_number == gyro_heading.run_number && at.us_since(*last_at) <= MAX_GAP_US
-        });
-        let (Some((last_at, last)), Some(monitored), Some(difference_rad)) =
+        let continued = last
+            .map(|(last_at, last)| (at.us_since(last_at) as f32 * 1e-6, last))
+            .filter(|(step_s, last)| last.run_number == gyro_heading.run_number && *step_s <= MAX_SAMPLE_GAP_S);
+        let (Some((step_s, last)), Some(monitored), Some(difference_rad)) =
             (continued, monitored, difference_rad.filter(|difference_rad| difference_rad.abs() <= PI))
         else {
             let required_turn_rad = self.required_turn_rad;
@@ -102,7 +100,6 @@ impl HeadingSmoother {
         };
         let monitored_rad2 = square(monitored.sigma_rad).min(noise_rad2);
         let turned_rad = wrap_pi(gyro_heading.relative_heading_rad - last.relative_heading_rad);
-        let step_s = at.us_since(last_at) as f32 * 1e-6;
         if !self.agrees(difference_rad, noise_rad2 + monitored_rad2, step_s, turned_rad) {
             return None;
         }

@@ -93,7 +93,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
         assert!(!with_rates.headings[..20].iter().any(is_smoothed), "seed {seed}");
         ratios.push(rms(with_rates.smoothed_score) / rms(with_rates.score));
     }
-    // Near the magnetic equator attitude errors hardly affect the heading, and the gyro's errors add 4 %.
+    // Near the magnetic equator attitude errors hardly affect the heading, and the smoothed one has up to 4 % more error.
     assert!(ratios.iter().all(|&ratio| ratio < 1.05), "{ratios:?}");
     assert!(ratios.iter().sum::<f64>() < 0.9 * ratios.len() as f64, "{ratios:?}");
 }

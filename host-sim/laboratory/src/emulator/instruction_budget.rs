@@ -30,7 +30,7 @@ impl InstructionBudget {
     }
 }
 
-/// Name, description and limit of counts: all but [`SAMPLE`] are those that the bench image prints.
+/// Name, description and limit of each count. The bench image prints all of them except [`SAMPLE`].
 ///
 /// A solve spends half of its instructions on eight passes over the samples, a quarter on diagnostics and a sixth on
 /// advice. An estimated attitude latency requires a second solve; motor-current interference is iterated to

@@ -87,7 +87,7 @@ pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
 pub(super) const UNOBSERVED_DECAY_TIME_S: f32 = 1000.0;
 
 /// Longest interval over which the gyro heading offset is kept, seconds.
-pub(super) const MAX_SAMPLE_GAP_S: f32 = 3.0;
+pub(in crate::instrument) const MAX_SAMPLE_GAP_S: f32 = 3.0;
 
 /// Longest interval between two samples over which rates are integrated, seconds: three usual ones. In a longer one they may
 /// be those of another movement.
