@@ -6,7 +6,7 @@
 
 use crate::attitude::{EulerRates, MIN_COS_PITCH};
 use crate::frames::RollPitch;
-use crate::trig;
+use crate::trig::{self, square};
 
 /// Gyro errors: offset `b_y`, rad/s, and the row of y in `M`, then offset `b_z` and the row of z.
 pub(super) type GyroErrors = [f32; GYRO_ERROR_COUNT];
@@ -18,18 +18,22 @@ pub(super) const GYRO_ERROR_COUNT: usize = 8;
 pub(super) struct GyroErrorRows {
     pub heading_row: GyroErrors,
     pub pitch_row: GyroErrors,
+    /// Square of the heading rate by errors of roll and pitch, `(theta'^2 + (psi' sin(theta))^2) / cos(theta)^2`, rad^2/s^2.
+    pub heading_by_tilt_squared: f32,
 }
 
 impl GyroErrorRows {
     pub fn new(attitude: RollPitch, euler_rates: &EulerRates) -> Self {
         let (sin_roll, cos_roll) = trig::sin_cos(attitude.roll_rad);
-        let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
+        let (sin_pitch, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
         let [p, q, r] = euler_rates.to_body_rates(attitude);
         let axis_derivatives = [1.0, p, q, r];
         let per_cos_pitch = 1.0 / cos_pitch.max(MIN_COS_PITCH);
         Self {
             heading_row: gyro_error_row(&axis_derivatives, sin_roll * per_cos_pitch, cos_roll * per_cos_pitch),
             pitch_row: gyro_error_row(&axis_derivatives, cos_roll, -sin_roll),
+            heading_by_tilt_squared: square(per_cos_pitch)
+                * (square(euler_rates.pitch_rad_s) + square(euler_rates.heading_rad_s * sin_pitch)),
         }
     }
 }

@@ -67,16 +67,16 @@ pub(super) use monitored_calibration::MonitoredCalibration;
 use mount_turn::{ExplainedTurn, explained_turn};
 pub(super) use parameters::MAX_SAMPLE_GAP_S;
 use parameters::{
-    ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR, EARTH_FIELD_SHARE_OF_CHANGE,
-    FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2, HARD_IRON_PROBABILITY, INITIAL_STEP_S,
-    MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD,
-    MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
-    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S,
-    MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE,
-    MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
-    MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION,
-    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
-    VARIANCE_FLOORS, state_noise,
+    ATTITUDE_ERROR_TIME_S, ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR,
+    EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2,
+    HARD_IRON_PROBABILITY, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
+    MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
+    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION,
+    MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
+    MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S,
+    MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR,
+    POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS,
+    UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
 };
 
 /// The monitor. 2 KB.
@@ -188,8 +188,9 @@ impl Monitor {
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
         self.acceleration_tilt.update_tilt(monitor_sample.attitude, &monitor_sample.euler_rates, step_s);
-        self.predict_state(step_s);
         let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &monitor_sample.euler_rates));
+        let by_tilt = gyro_rows.as_ref().map_or(0.0, |rows| self.heading_noise_by_tilt(monitored, rows));
+        self.predict_state(by_tilt, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
         let heading_jacobian =
@@ -229,16 +230,20 @@ impl Monitor {
         *self = Self::new(self.expected_sensor_errors);
     }
 
-    fn predict_state(&mut self, step_s: f32) {
+    /// Time update of all states, with the process noise of the gyro heading by the attitude's errors.
+    fn predict_state(&mut self, heading_noise_by_tilt: f32, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
         let (i, samples) = noise_schedule(self.noise_schedule_step);
         self.noise_schedule_step = (self.noise_schedule_step + 1) % NOISE_SCHEDULE_STEPS;
         let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_INDICES.contains(&i);
         let noise =
             if is_unsettled { POST_CHANGE_HARD_IRON_NOISE } else { state_noise(i, self.expected_sensor_errors) };
-        if i == GYRO_HEADING_OFFSET_INDEX || self.filter.state_variance(i) < noise.initial_sigma * noise.initial_sigma {
-            self.filter.inflate_variance(i, noise.process_noise_per_s * step_s * samples as f32);
-        }
+        let noise_per_s = match i {
+            GYRO_HEADING_OFFSET_INDEX => noise.process_noise_per_s + heading_noise_by_tilt,
+            _ if self.filter.state_variance(i) < square(noise.initial_sigma) => noise.process_noise_per_s,
+            _ => 0.0,
+        };
+        self.filter.inflate_variance(i, noise_per_s * step_s * samples as f32);
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
         let decay = (1.0 - step_s / UNOBSERVED_DECAY_TIME_S).max(0.0);
         if measurement_model::hard_iron_change(self.filter.mean()).vector_length() < MAX_DECAYING_HARD_IRON {
@@ -248,6 +253,14 @@ impl Monitor {
         if self.filter.mean()[MOUNT_TURN_INDEX].abs() < MAX_DECAYING_MOUNT_TURN_RAD {
             self.decay_states(MOUNT_TURN_INDEX..STRENGTH_CHANGE_INDEX, decay);
         }
+    }
+
+    /// Process noise of the gyro heading by the attitude's errors, square radians per second.
+    fn heading_noise_by_tilt(&self, monitored: &MonitoredCalibration<'_>, rows: &GyroErrorRows) -> f32 {
+        let calibration_noise = monitored.sample_noise();
+        let noise =
+            self.adaptive_noise.as_ref().map_or(calibration_noise, |noise| noise.sample_noise(calibration_noise));
+        ATTITUDE_ERROR_TIME_S * noise.tilt_variance_rad2 * rows.heading_by_tilt_squared
     }
 
     /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step.

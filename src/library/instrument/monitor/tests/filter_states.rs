@@ -1,6 +1,7 @@
 //! States of the filter: process noise, decay, inflation after a detected change.
 
 use super::*;
+use crate::attitude::BodyRates;
 
 #[test]
 fn each_state_receives_all_of_its_process_noise() {
@@ -99,7 +100,7 @@ fn unobserved_states_decay_and_detected_changes_persist() {
         states[..3].fill(hard_iron);
         states[MOUNT_TURN_INDEX] = mount_turn_rad;
         states.iter().enumerate().for_each(|(i, state)| monitor.filter.set_mean(i, *state));
-        monitor.predict_state(100.0);
+        monitor.predict_state(0.0, 100.0);
         for (i, (found, before)) in monitor.filter.mean().iter().zip(states).enumerate() {
             let share = match i {
                 ..STRENGTH_CHANGE_INDEX => remaining,
@@ -111,6 +112,39 @@ fn unobserved_states_decay_and_detected_changes_persist() {
     }
 }
 
+/// Errors of the reported attitude that last for 0.25 s, one half of the assumed time to each side, turn the gyro's heading as far
+/// as its process noise says: 400 walks of 20 s, whose variance has a standard error of 7 %. In level flight without pitching the
+/// heading does not depend on them.
+#[test]
+fn the_gyro_heading_walks_by_errors_of_the_attitude() {
+    const ERROR_STEP_S: f32 = 0.01;
+    let flight = Flight::new(1);
+    let monitored = monitored_calibration(&flight.calibration, &flight.uncertainty);
+    let mut random = Random(3);
+    for (attitude_deg, pitch_rad_s, heading_rad_s) in
+        [([40.0, 30.0], 0.0, 0.4), ([-20.0, 10.0], 0.5, 0.0), ([10.0, -35.0], -0.4, 0.6), ([40.0, 0.0], 0.0, 0.4)]
+    {
+        let attitude = RollPitch::from_deg(attitude_deg[0], attitude_deg[1]);
+        let euler_rates = EulerRates { pitch_rad_s, heading_rad_s, ..EulerRates::default() };
+        let body_rates = BodyRates::from_rad_s(euler_rates.to_body_rates(attitude)).unwrap();
+        let mut walk_rad = || {
+            let (mut error, mut turned_rad) = ([0.0; 2], 0.0);
+            for _ in 0..2000 {
+                let kept = 1.0 - ERROR_STEP_S / 0.25;
+                error = error.map(|error| kept * error + sqrt(1.0 - kept * kept) * TILT_SIGMA_RAD * random.normal());
+                let [roll_rad, pitch_rad] = [attitude.roll_rad + error[0], attitude.pitch_rad + error[1]];
+                let reported = EulerRates::from_body_rates(body_rates, RollPitch { roll_rad, pitch_rad });
+                turned_rad += (reported.heading_rad_s - heading_rad_s) * ERROR_STEP_S;
+            }
+            turned_rad
+        };
+        let walked = (0..400).map(|_| square(walk_rad())).sum::<f32>() / 400.0;
+        let rows = GyroErrorRows::new(attitude, &euler_rates);
+        let expected = 20.0 * flight.monitor.heading_noise_by_tilt(&monitored, &rows);
+        assert!((walked - expected).abs() <= 0.25 * expected + 1e-8, "{attitude_deg:?}: {walked} {expected}");
+    }
+}
+
 /// Without measurements no variance grows beyond its initial one, but that of the gyro's heading, by 0.06 deg in a
 /// second; after a detected change that of hard iron as well, for a minute.
 #[test]
@@ -119,7 +153,7 @@ fn process_noise_ends_at_the_initial_variance() {
     let mut monitor = Monitor::new(errors);
     let initial = state_variances(&monitor);
     let predict_rounds = |monitor: &mut Monitor, rounds: usize| {
-        (0..rounds * NOISE_SCHEDULE_STEPS).for_each(|_| monitor.predict_state(STEP_S));
+        (0..rounds * NOISE_SCHEDULE_STEPS).for_each(|_| monitor.predict_state(0.0, STEP_S));
         state_variances(monitor)
     };
     let now = predict_rounds(&mut monitor, 20);
