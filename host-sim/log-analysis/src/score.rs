@@ -4,6 +4,8 @@ use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent
 use autoswing::calibration::{Orientation, Samples, Solution};
 use serde::Serialize;
 
+use crate::numbers::{mean, rms};
+
 /// Statistics of heading errors, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorStatistics {
@@ -21,13 +23,12 @@ impl ErrorStatistics {
     /// Statistics of errors in degrees.
     #[must_use]
     pub fn from_errors_deg(errors_deg: &[f64]) -> Self {
-        let count = errors_deg.len() as f64;
-        let mean_deg = errors_deg.iter().sum::<f64>() / count;
+        let mean_deg = mean(errors_deg.iter().copied());
         let largest = |offset: f64| errors_deg.iter().map(|error_deg| (error_deg - offset).abs()).fold(0.0, f64::max);
         Self {
             max_deg: largest(0.0),
             mean_deg,
-            rms_deg: (errors_deg.iter().map(|error_deg| error_deg * error_deg).sum::<f64>() / count).sqrt(),
+            rms_deg: rms(errors_deg.iter().copied()),
             max_demeaned_deg: largest(mean_deg),
         }
     }

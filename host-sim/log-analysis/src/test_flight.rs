@@ -3,8 +3,10 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use testkit::random::Random;
 
-use crate::log::log_writers::{FlightRecording, FlightSample};
-use crate::log::{LogFormat, LoggedFlight};
+use crate::log::csv::FieldUnit;
+use crate::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
+use crate::log::{self, LogFormat, LoggedFlight};
+use crate::replay::evaluation::{CompassEvaluation, EvaluationOptions, evaluate_flight};
 
 const STEP_S: f64 = 0.1;
 const AIRSPEED_M_S: f64 = 22.0;
@@ -28,6 +30,17 @@ const TURNS_DEG: [[f64; 2]; 4] = [[25.0, 720.0], [-25.0, -720.0], [40.0, 720.0],
 struct FlightMotion {
     euler_rad: Vector3<f64>,
     euler_rates_rad_s: Vector3<f64>,
+}
+
+/// The flight of a recording, as read from ArduPilot's log of it.
+pub fn logged_flight(recording: &FlightRecording) -> LoggedFlight {
+    log::read_flight(&mut encode_dataflash(recording).as_slice(), FieldUnit::Milligauss).unwrap()
+}
+
+/// The only compass of a recording, evaluated without field latency.
+pub fn evaluate_compass(recording: &FlightRecording) -> CompassEvaluation {
+    let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
+    evaluate_flight(&logged_flight(recording), &options).compasses.swap_remove(0)
 }
 
 /// Four minutes of turns both ways, enough for a calibration, with a field that is older than the attitude.

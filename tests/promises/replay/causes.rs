@@ -1,6 +1,6 @@
 //! Causes injected into recorded flights, and the report of each.
 
-use log_analysis::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
+use log_analysis::log::log_writers::{FlightSample, encode_dataflash};
 use log_analysis::replay::ReplayRow;
 use log_analysis::replay::evaluation::{evaluate_flight, score_correction};
 use log_analysis::replay::parameter_export::{ExportedCorrection, ParameterFormat};
@@ -35,11 +35,8 @@ impl ReportedFindings {
 }
 
 fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> ReportedFindings {
-    let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
-    let mut recording = FlightRecording {
-        parameters,
-        ..record_turns(&WorldConfig::random_world(seed).with_vehicle_kind(vehicle_kind), 0.05)
-    };
+    let world = WorldConfig::random_world(seed).with_vehicle_kind(vehicle_kind);
+    let mut recording = record_turns(&world, 0.05).with_parameters(&[("COMPASS_OFS_X", 0.0)]);
     let first_us = recording.samples[0].time_us;
     for sample in &mut recording.samples {
         cause((sample.time_us - first_us) as f64 * 1e-6, sample);
@@ -53,7 +50,7 @@ fn report_of_cause(vehicle_kind: VehicleKind, seed: u64, cause: Cause) -> Report
     ReportedFindings {
         recommended_action: verdict.compasses[0].judgement.recommended_action,
         text: format!("{} {}", verdict.summary_sentences().concat(), verdict.log_warnings.join("; ")),
-        hard_iron_change_count: evaluation.compasses[0].hard_iron_changes.len(),
+        hard_iron_change_count: evaluation.compasses[0].causes.hard_iron_changes.len(),
         rows: evaluation.compasses[0].rows.clone(),
         exported: verdict.exported_corrections().first().map(|exported| (*exported).clone()),
     }

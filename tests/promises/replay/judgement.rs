@@ -20,8 +20,8 @@ const CHANGE_TIME_S: f64 = 120.0;
 
 /// A flight of turns with a compass that has no parameters, and a change of its field by the log's clock.
 fn record_flight(seed: u64, change: impl Fn(f64, &mut [f64; 3])) -> FlightRecording {
-    let parameters = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z"].map(|name| (name.to_owned(), 0.0)).to_vec();
-    let mut recording = FlightRecording { parameters, ..record_turns(&WorldConfig::random_world(seed), 0.05) };
+    let parameters = ["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z"].map(|name| (name, 0.0));
+    let mut recording = record_turns(&WorldConfig::random_world(seed), 0.05).with_parameters(&parameters);
     for sample in &mut recording.samples {
         change(sample.time_us as f64 * 1e-6, &mut sample.field_ut[0]);
     }
@@ -104,8 +104,8 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
         judge_flight(&recording, |verdict, evaluation| {
             let compass = &evaluation.compasses[0];
             let judgement = &verdict.compasses[0].judgement;
-            let [change] = compass.hard_iron_changes.as_slice() else {
-                panic!("seed {seed}: {:?}", compass.hard_iron_changes)
+            let [change] = compass.causes.hard_iron_changes.as_slice() else {
+                panic!("seed {seed}: {:?}", compass.causes.hard_iron_changes)
             };
             assert!(
                 (change.hard_iron_step.time_s - CHANGE_TIME_S).abs() < 0.5 && change.heading_effect_deg > 5.0,
@@ -129,8 +129,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
 fn motor_compensation_is_given_where_it_is_significant() {
     for (interference_ut, is_given) in [(0.0, false), (8.0, true)] {
         let world = WorldConfig::random_world(3).with_current_interference(interference_ut);
-        let parameters = vec![("COMPASS_OFS_X".to_owned(), 0.0)];
-        let recording = FlightRecording { parameters, ..record_turns(&world, 0.05) };
+        let recording = record_turns(&world, 0.05).with_parameters(&[("COMPASS_OFS_X", 0.0)]);
         judge_flight(&recording, |verdict, _| {
             let file = parameter_file(verdict);
             assert_eq!(file.contains("COMPASS_MOTCT,2"), is_given, "{interference_ut} uT: {file}");
@@ -254,7 +253,7 @@ fn a_hover_on_one_heading_is_judged_to_be_that() {
         let verdict = Verdict::new(&flight, &evaluation, ParameterFormat::ArduPilot);
         assert_judgement(&verdict, CompassState::Unjudged, CompassAction::FlyAgain);
         assert_eq!(verdict.compasses[0].judgement.reason_codes(), ["few-headings"], "seed {seed}");
-        assert!(evaluation.compasses[0].hard_iron_changes.is_empty(), "seed {seed}");
+        assert!(evaluation.compasses[0].causes.hard_iron_changes.is_empty(), "seed {seed}");
         let text = format!("{:?} {:?}", verdict.log_warnings, verdict.summary_sentences());
         for claim in ["strong", "mounted", "elevator"] {
             assert!(!text.contains(claim), "seed {seed}: {text}");

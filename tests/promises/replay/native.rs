@@ -34,8 +34,7 @@ const BAD_PARAMETERS: [(&str, f64); 16] = [
 
 /// Turns both ways, logged with bad parameters and a field latency.
 fn record_flight(world: &WorldConfig, age_s: f64) -> FlightRecording {
-    let parameters = BAD_PARAMETERS.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-    FlightRecording { parameters, ..record_turns(world, age_s) }
+    record_turns(world, age_s).with_parameters(&BAD_PARAMETERS)
 }
 
 fn evaluate_compass(bytes: &[u8]) -> (LoggedFlight, CompassEvaluation) {
@@ -146,7 +145,7 @@ fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
             for sample in recording.samples.iter_mut().filter(|sample| sample.time_us as f64 * 1e-6 >= at_s) {
                 sample.field_ut[0][0] += 8.0;
             }
-            let changes = evaluate_compass(&encode_csv(&recording)).1.hard_iron_changes;
+            let changes = evaluate_compass(&encode_csv(&recording)).1.causes.hard_iron_changes;
             let [LoggedHardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {
                 panic!("{at_s} s, {} deg: {changes:?}", world.earth.inclination_deg)
             };

@@ -220,8 +220,7 @@ const OTHER_PARAMETERS: [(&str, [u8; 4], &str); 6] = [
 /// A ULog has both fields: they agree by the parameters in use alone. A constant difference may be a learnt bias.
 #[test]
 fn a_correction_that_is_not_that_of_the_parameters_gives_no_file() {
-    let mut recording = record_flight(VehicleKind::Plane, 3, |_| {});
-    recording.parameters = CALIBRATED.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+    let recording = record_flight(VehicleKind::Plane, 3, |_| {}).with_parameters(&CALIBRATED);
     for (name, value, words) in OTHER_PARAMETERS {
         let mut bytes = encode_ulog(&recording);
         let name_start = bytes.windows(name.len()).position(|window| window == name.as_bytes()).unwrap();

@@ -8,7 +8,8 @@ use autoswing::collection::CollectionProblem;
 use autoswing::frames::RollPitch;
 use autoswing_module::messages::{Refusal, RefusalCause};
 use log_analysis::replay::{
-    HeadingRow, HeadingScore, ReferenceHeading, ReplayOptions, ReplayRow, RowSelection, build_rows, replay_rows,
+    EarthFieldPrior, HeadingRow, HeadingScore, ReferenceHeading, ReplayResult, ReplayRow, RowSelection, build_rows,
+    replay_rows,
 };
 use nalgebra::Vector3;
 use simulator::heading_errors::HeadingErrors;
@@ -17,8 +18,14 @@ use simulator::world::{World, WorldConfig};
 
 use super::{max_rms_deg, read_flight};
 
-const ALL_ROWS_OPTIONS: ReplayOptions = ReplayOptions::with_selection(RowSelection::All);
-const TURN_SAMPLES_OPTIONS: ReplayOptions = ReplayOptions { row_selection: RowSelection::Turns, ..ALL_ROWS_OPTIONS };
+fn configured_inclination(inclination_deg: f64) -> EarthFieldPrior {
+    EarthFieldPrior { inclination_deg: Some(inclination_deg), place_and_day: None }
+}
+
+/// Replay of a selection of rows without prior information.
+fn replay_selection(rows: &[ReplayRow], selection: RowSelection) -> ReplayResult {
+    replay_rows(rows, selection, &EarthFieldPrior::default())
+}
 
 /// Straight, circles each way, straight, at 10 Hz in milligauss with one decimal and reported attitude; the reference
 /// is the true magnetic heading. The first 10 s are not usable.
@@ -67,12 +74,12 @@ fn all_rows_and_turns_alone_give_the_heading() {
     for seed in 0..10 {
         let world = WorldConfig::random_world(seed);
         let rows = recorded_turns(&world, 3.0);
-        for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
-            let replay_result = replay_rows(&rows, &options);
-            assert_eq!(replay_result.acceptance, Ok(()), "seed {seed} {options:?}");
+        for selection in [RowSelection::All, RowSelection::Turns] {
+            let replay_result = replay_selection(&rows, selection);
+            assert_eq!(replay_result.acceptance, Ok(()), "seed {seed} {selection:?}");
             let score = replay_result.score.unwrap();
-            assert!(score.rms_deg < max_rms_deg(&world), "seed {seed} {options:?}: {score:?}");
-            assert!(score.mean_deg.abs() < 0.5, "seed {seed} {options:?}: {score:?}");
+            assert!(score.rms_deg < max_rms_deg(&world), "seed {seed} {selection:?}: {score:?}");
+            assert!(score.mean_deg.abs() < 0.5, "seed {seed} {selection:?}: {score:?}");
             assert_eq!(score.row_count, rows.len() - 100);
             assert_eq!(replay_result.headings.len(), rows.len());
         }
@@ -86,7 +93,7 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
     let mut ratios = Vec::new();
     for seed in 0..5 {
         let rows = recorded_turns(&WorldConfig::random_world(seed), 3.0);
-        let with_rates = replay_rows(&rows, &ALL_ROWS_OPTIONS);
+        let with_rates = replay_selection(&rows, RowSelection::All);
         let is_smoothed = |heading_row: &HeadingRow| heading_row.smoothed_and_sigma_deg.is_some();
         let smoothed_count = with_rates.headings.iter().filter(|row| is_smoothed(row)).count();
         assert!(smoothed_count > rows.len() * 9 / 10, "seed {seed}: {smoothed_count} of {}", rows.len());
@@ -103,17 +110,16 @@ fn body_rates_reduce_the_heading_error_by_smoothing() {
 fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded_turns(&WorldConfig::of_table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
-    for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
-        assert!(replay_rows(&until(14.0), &options).acceptance.is_err(), "a steady course, {options:?}");
+    for selection in [RowSelection::All, RowSelection::Turns] {
+        assert!(replay_selection(&until(14.0), selection).acceptance.is_err(), "a steady course, {selection:?}");
     }
-    let early_result = replay_rows(&until(25.0), &TURN_SAMPLES_OPTIONS);
+    let early_result = replay_selection(&until(25.0), RowSelection::Turns);
     assert!(matches!(early_result.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.acceptance);
     assert!(early_result.headings.is_empty() && early_result.score.is_none());
-    let with_inclination =
-        replay_rows(&rows, &ReplayOptions { inclination_deg: Some(54.0), ..TURN_SAMPLES_OPTIONS }).solution.unwrap();
+    let with_inclination = replay_rows(&rows, RowSelection::Turns, &configured_inclination(54.0)).solution.unwrap();
     assert!((with_inclination.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
-    let all_rows_result = replay_rows(&rows, &ALL_ROWS_OPTIONS);
-    assert!(all_rows_result.fitted_count > replay_rows(&until(35.0), &ALL_ROWS_OPTIONS).fitted_count);
+    let all_rows_result = replay_selection(&rows, RowSelection::All);
+    assert!(all_rows_result.fitted_count > replay_selection(&until(35.0), RowSelection::All).fitted_count);
 }
 
 /// A straight leg and a third of a circle.
@@ -122,19 +128,19 @@ fn a_short_flight_is_refused_with_the_missing_manoeuvre_or_has_an_honest_expecte
     let mut inaccurate_count = 0;
     for seed in 0..10 {
         let rows = recorded_turns(&WorldConfig::random_world(seed), 0.0);
-        for options in [ALL_ROWS_OPTIONS, TURN_SAMPLES_OPTIONS] {
-            let result = replay_rows(&rows, &options);
+        for selection in [RowSelection::All, RowSelection::Turns] {
+            let result = replay_selection(&rows, selection);
             if let Err(refusal) = &result.acceptance {
                 let is_inaccurate = refusal.stable_code() == "not-accurate";
                 inaccurate_count += usize::from(is_inaccurate);
                 let text = refusal.to_string();
                 let names_manoeuvre = text.starts_with("expected error ") && text.contains(" deg; missing: ");
-                assert!(!is_inaccurate || names_manoeuvre, "seed {seed} {options:?}: {text}");
+                assert!(!is_inaccurate || names_manoeuvre, "seed {seed} {selection:?}: {text}");
             } else {
                 let expected_deg = f64::from(result.solution.unwrap().quality.expected_rms_deg);
                 let score = result.score.unwrap();
                 let error_deg = score.rms_deg.hypot(score.mean_deg);
-                assert!(error_deg < 1.0 + 3.0 * expected_deg, "seed {seed} {options:?}: {score:?}, {expected_deg}");
+                assert!(error_deg < 1.0 + 3.0 * expected_deg, "seed {seed} {selection:?}: {score:?}, {expected_deg}");
             }
         }
     }
@@ -154,7 +160,7 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
             ("drift", |t_s| [0.03 * t_s, 0.02 * t_s, -0.03 * t_s]),
         ] {
             let rows = recorded_turns_with_hard_iron(&world, 3.0, iron_ut);
-            let replay_result = replay_rows(&rows, &TURN_SAMPLES_OPTIONS);
+            let replay_result = replay_selection(&rows, RowSelection::Turns);
             match replay_result.acceptance {
                 Err(Refusal::Rejected(Rejection::IronChanged(_)) | Refusal::Solve(SolveError::HardIronChanged(_))) => {
                     refused += 1;
@@ -184,8 +190,8 @@ fn a_wrong_inclination_is_named() {
         let rows = recorded_turns(&world, 3.0);
         let true_deg = world.earth.inclination_deg;
         for configured_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
-            let options = ReplayOptions { inclination_deg: Some(configured_deg), ..TURN_SAMPLES_OPTIONS };
-            let refused = replay_rows(&rows, &options).acceptance.unwrap_err();
+            let prior = configured_inclination(configured_deg);
+            let refused = replay_rows(&rows, RowSelection::Turns, &prior).acceptance.unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, configured {configured_deg}: {refused:?}");
             };
@@ -207,12 +213,12 @@ fn wrong_units_and_slow_rows_are_reported() {
             ReplayRow { attitude, ..row }
         })
         .collect();
-    let problem = |rows: &[ReplayRow]| match replay_rows(rows, &TURN_SAMPLES_OPTIONS).acceptance {
+    let problem = |rows: &[ReplayRow]| match replay_selection(rows, RowSelection::Turns).acceptance {
         Err(Refusal::InsufficientSamples { cause: RefusalCause::CollectionProblem(problem), .. }) => problem,
         other => panic!("{other:?}"),
     };
     assert!(matches!(problem(&in_radians), CollectionProblem::NoTilt { .. }));
     let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
     assert!(matches!(problem(&slow), CollectionProblem::SampleIntervalTooLong { .. }));
-    assert_eq!(replay_rows(&rows, &TURN_SAMPLES_OPTIONS).acceptance, Ok(()));
+    assert_eq!(replay_selection(&rows, RowSelection::Turns).acceptance, Ok(()));
 }

@@ -8,8 +8,8 @@ use autoswing::earth::{Date, EarthField, Position};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::compass_slot::{CompassSlot, DeviceId, external_parameter, firmware_version};
-use super::correction::{FieldCorrection, missing_parameters_of_slot};
+use super::compass_slot::{CompassSlot, DeviceId, ardupilot_vector, external_parameter, firmware_version};
+use super::correction::FieldCorrection;
 use super::correction_residual::CorrectionResidual;
 use super::load::LoadSource;
 use super::mounting::{CustomRotation, NumberedRotation, logged_mounting, mounting_parameters, orientation_parameter};
@@ -385,7 +385,15 @@ pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> 
 /// ArduPilot's calibration parameters of a compass that are missing although another of the same x, y, z triple is present.
 pub fn missing_ardupilot_parameters(flight: &LoggedFlight, compass_number: u8) -> Vec<String> {
     let slot = flight.slot_index(compass_number).filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
-    slot.map_or_else(Vec::new, |slot| missing_parameters_of_slot(&flight.parameters, slot))
+    let mut missing = Vec::new();
+    for vector in slot.into_iter().flat_map(|slot| ["OFS", "DIA", "ODI"].map(|part| ardupilot_vector(part, slot))) {
+        let (known, unknown): (Vec<_>, Vec<_>) =
+            vector.into_iter().partition(|name| flight.parameters.last_value(name).is_some());
+        if !known.is_empty() {
+            missing.extend(unknown);
+        }
+    }
+    missing
 }
 
 /// Reason why body rates are not used as logged; displayed as a clause.

@@ -270,7 +270,7 @@ fn drop_attitude_spikes(attitude: &mut Series<3>) {
         after.t_s - before.t_s < MAX_INTERVAL_S && (0..3).any(is_angle_spike)
     };
     let spikes: Vec<bool> = attitude.rows().windows(3).map(is_spike).collect();
-    attitude.retain_rows(|index| index.checked_sub(1).and_then(|first| spikes.get(first)) != Some(&true));
+    attitude.retain_rows(|index, _| index.checked_sub(1).and_then(|first| spikes.get(first)) != Some(&true));
 }
 
 /// Repairs the battery current. Fields during a drop-out are not used, since their interference is unknown; a table's own
@@ -344,11 +344,11 @@ fn correction_residuals(
         let mut corrected = corrected.clone();
         corrected.sort_and_dedup();
         let mounting = px4_mounting(&flight.parameters, f64::INFINITY, index);
-        let mut raw = Series::new();
-        for row in field.rows() {
+        let body_row = |row: &TimedRow<6>| {
             let [x, y, z, ..] = row.row_values.map(f64::from);
-            raw.push_row(row.t_s, (mounting * Vector3::new(x, y, z)).map(|axis| axis as f32).into());
-        }
+            (row.t_s, (mounting * Vector3::new(x, y, z)).map(|axis| axis as f32).into())
+        };
+        let raw = field.rows().iter().map(body_row).collect();
         let correction = FieldCorrection::from_px4(&flight.parameters, index);
         let residual = CorrectionResidual::new(&raw, &corrected, &correction, &flight.battery_current, from_s)?;
         Some((*compass_number, residual))

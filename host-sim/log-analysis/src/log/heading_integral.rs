@@ -4,7 +4,7 @@ use autoswing::frames::wrap_pi;
 
 use super::flight::{Gps, LoggedFlight};
 use super::time_series::Series;
-use crate::numbers::square;
+use crate::numbers::{mean, square};
 
 /// Longest gap of attitude that is interpolated, seconds.
 const MAX_ATTITUDE_GAP_S: f64 = 0.7;
@@ -102,13 +102,9 @@ pub(super) fn remove_heading_latencies(flight: &mut LoggedFlight) {
         return;
     }
     let integral = HeadingIntegral::new(flight, MAX_GAP_S);
-    let mut gps_yaw = Series::new();
-    for row in flight.gps.rows() {
-        let yaw_deg = Gps::from_columns(row.row_values).yaw_deg;
-        if yaw_deg.is_finite() {
-            gps_yaw.push_row(row.t_s, [yaw_deg.to_radians()]);
-        }
-    }
+    let yaws_deg = flight.gps.rows().iter().map(|row| (row.t_s, Gps::from_columns(row.row_values).yaw_deg));
+    let yaws_deg = yaws_deg.filter(|(_, yaw_deg)| yaw_deg.is_finite());
+    let gps_yaw: Series<1> = yaws_deg.map(|(t_s, yaw_deg)| (t_s, [yaw_deg.to_radians()])).collect();
     if let Some(latency_s) = heading_latency_s(&gps_yaw, &integral) {
         flight.heading_latencies.push(("GPS yaw", latency_s));
         for row in flight.gps.rows_mut() {
@@ -173,7 +169,7 @@ fn mean_square_difference(turns: &[([f64; 2], f64)], integral: &HeadingIntegral,
             Some(square(difference).min(square(3.0 * MAX_DIFFERENCE_RAD)))
         })
         .collect();
-    (squares.len() >= MIN_TURNS).then(|| squares.iter().sum::<f64>() / squares.len() as f64)
+    (squares.len() >= MIN_TURNS).then(|| mean(squares))
 }
 
 #[cfg(test)]

@@ -94,8 +94,7 @@ fn scale_to_fraction(source: LoadSource, values: &mut Series<1>) {
         return;
     }
     let is_throttle = source == LoadSource::Throttle;
-    let is_used: Vec<bool> = values.rows().iter().map(|row| is_throttle || row.row_values[0] >= MIN_PULSE_US).collect();
-    values.retain_rows(|index| is_used[index]);
+    values.retain_rows(|_, row| is_throttle || row.row_values[0] >= MIN_PULSE_US);
     for row in values.rows_mut() {
         let [value] = row.row_values;
         row.row_values = [if is_throttle { value / 100.0 } else { (value - PULSE_US[0]) / PULSE_US[1] }];
@@ -133,7 +132,7 @@ pub(super) fn repair_current(current: &mut Series<1>) -> CurrentRepair {
     let rows = current.rows();
     let mut usual: Vec<f32> = rows.iter().map(amperes).filter(|amperes| !is_placeholder(*amperes)).collect();
     if usual.is_empty() {
-        current.retain_rows(|_| false);
+        *current = Series::new();
         return CurrentRepair::default();
     }
     let middle_index = usual.len() / 2;
@@ -144,9 +143,7 @@ pub(super) fn repair_current(current: &mut Series<1>) -> CurrentRepair {
         row.row_values[0] *= sign;
     }
     // A sensor at rest may read slightly below zero.
-    current.retain_rows(|index| !is_dropout[index]);
-    let negative: Vec<bool> = current.rows().iter().map(|row| amperes(row) < 0.0).collect();
-    current.retain_rows(|index| !negative[index]);
+    current.retain_rows(|index, row| !is_dropout[index] && amperes(row) >= 0.0);
     let dropout_count = is_dropout.iter().filter(|is_dropout| **is_dropout).count() as u64;
     CurrentRepair { is_negated: sign < 0.0, dropout_count, dropout_intervals_s }
 }
@@ -190,10 +187,8 @@ mod tests {
 
     /// Currents at 10 Hz, repaired.
     fn repaired(currents: &[f32]) -> (Vec<f32>, CurrentRepair) {
-        let mut series = Series::new();
-        for (i, amperes) in currents.iter().enumerate() {
-            series.push_row(i as f64 / 10.0, [*amperes]);
-        }
+        let mut series: Series<1> =
+            currents.iter().enumerate().map(|(i, amperes)| (i as f64 / 10.0, [*amperes])).collect();
         let repair = repair_current(&mut series);
         (series.rows().iter().map(amperes).collect(), repair)
     }

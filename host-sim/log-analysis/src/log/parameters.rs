@@ -90,7 +90,7 @@ impl ParameterHistory {
 #[cfg(test)]
 impl ParameterHistory {
     /// History of constant values.
-    pub(super) fn of_values(values: &[(&str, f64)]) -> Self {
+    pub(crate) fn of_values(values: &[(&str, f64)]) -> Self {
         let mut parameters = Self::default();
         for &(name, value) in values {
             parameters.set_value(0.0, name, value);

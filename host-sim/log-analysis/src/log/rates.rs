@@ -4,7 +4,7 @@ use autoswing::frames::wrap_pi;
 
 use super::flight::{LoggedFlight, RatesProblem};
 use super::time_series::{Series, TimedRow};
-use crate::numbers::median;
+use crate::numbers::{mean, median};
 
 /// Longest interval between the neighbours of a row for a difference, seconds.
 const MAX_DIFFERENCE_INTERVAL_S: f64 = 1.0;
@@ -48,10 +48,7 @@ pub(super) fn check_and_repair_rates(flight: &mut LoggedFlight) {
         }
     }
     flight.has_measured_rates = false;
-    flight.body_rates = Series::new();
-    for row in differences {
-        flight.body_rates.push_row(row.t_s, row.row_values);
-    }
+    flight.body_rates = differences.into_iter().map(|row| (row.t_s, row.row_values)).collect();
 }
 
 fn find_rates_problem(differences: &[TimedRow<3>], flight: &LoggedFlight) -> Option<RatesProblem> {
@@ -79,10 +76,8 @@ fn find_rates_problem(differences: &[TimedRow<3>], flight: &LoggedFlight) -> Opt
 }
 
 fn sign_or_unit_problem(pairs: &[([f32; 3], [f32; 3])], axis: usize) -> Option<RatesProblem> {
-    let mean_product = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
-        let products =
-            pairs.iter().map(|(difference, logged)| product(f64::from(difference[axis]), f64::from(logged[axis])));
-        products.sum::<f64>() / pairs.len() as f64
+    let mean_product = |product: &dyn Fn(f64, f64) -> f64| {
+        mean(pairs.iter().map(|(difference, logged)| product(f64::from(difference[axis]), f64::from(logged[axis]))))
     };
     let [difference_power, logged_power, product_mean] = [
         mean_product(&|difference, _| difference * difference),

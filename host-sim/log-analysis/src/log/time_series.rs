@@ -126,12 +126,12 @@ impl<const N: usize> Series<N> {
         &mut self.rows
     }
 
-    /// Drops the rows whose index `is_retained` rejects.
-    pub(super) fn retain_rows(&mut self, is_retained: impl Fn(usize) -> bool) {
+    /// Drops the rows that `is_retained` rejects, by index and values.
+    pub(crate) fn retain_rows(&mut self, is_retained: impl Fn(usize, &TimedRow<N>) -> bool) {
         let mut index = 0;
-        self.rows.retain(|_| {
+        self.rows.retain(|row| {
             index += 1;
-            is_retained(index - 1)
+            is_retained(index - 1, row)
         });
     }
 
@@ -191,6 +191,15 @@ impl<const N: usize> Series<N> {
     }
 }
 
+impl<const N: usize> FromIterator<(f64, [f32; N])> for Series<N> {
+    /// Series of rows with their times, seconds.
+    fn from_iter<T: IntoIterator<Item = (f64, [f32; N])>>(rows: T) -> Self {
+        let mut series = Self::new();
+        rows.into_iter().for_each(|(t_s, values)| series.push_row(t_s, values));
+        series
+    }
+}
+
 fn is_in_retained_part(t_s: f64, part_stride_log2: u8) -> bool {
     ((t_s / PART_LENGTH_S).floor() as i64).rem_euclid(1 << part_stride_log2) == 0
 }
@@ -200,11 +209,7 @@ mod tests {
     use super::*;
 
     fn series_from(rows: &[(f64, f32)]) -> Series<1> {
-        let mut series = Series::new();
-        for &(t_s, value) in rows {
-            series.push_row(t_s, [value]);
-        }
-        series
+        rows.iter().map(|&(t_s, value)| (t_s, [value])).collect()
     }
 
     #[test]

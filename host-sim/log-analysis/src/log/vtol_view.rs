@@ -192,8 +192,7 @@ mod tests {
     #[test]
     fn the_body_is_known_while_the_mode_shows_the_view() {
         let trims = ViewTrims { forward_rad: 0.1, hover_rad: 0.2 };
-        let mut logged = Series::new();
-        (0..100).for_each(|i| logged.push_row(f64::from(i), [0.0, 0.3, f32::NAN]));
+        let logged = (0..100).map(|i| (f64::from(i), [0.0, 0.3, f32::NAN])).collect();
         for (modes, forward_and_hover) in [
             (&[(0.0, 5.0)][..], Some([100, 0])),
             (&[(10.0, 5.0), (40.0, 2.0), (60.0, 19.0), (70.0, 18.0)], Some([60, 24])),
@@ -201,11 +200,8 @@ mod tests {
             (&[(0.0, 5.0), (40.0, 10.0)], None),
             (&[], None),
         ] {
-            let mut series = Series::new();
-            for &(t_s, mode) in modes {
-                series.push_row(t_s, [mode]);
-            }
-            let body = trims.body_attitude(&logged, &series);
+            let modes_by_time = modes.iter().map(|&(t_s, mode)| (t_s, [mode])).collect();
+            let body = trims.body_attitude(&logged, &modes_by_time);
             let count = |pitch_rad: f32| {
                 let rows = body.iter().flat_map(Series::rows);
                 rows.filter(|row| (row.row_values[1] - pitch_rad).abs() < 1e-6 && row.row_values[2].is_nan()).count()

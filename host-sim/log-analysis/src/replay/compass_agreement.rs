@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::evaluation::CompassEvaluation;
 use super::logged_accuracy::BAD_COMPASS_RMS_DEG;
-use crate::numbers::square;
+use crate::numbers::rms;
 use crate::replay::row::ReplayRow;
 use crate::score::wrap_180;
 
@@ -51,11 +51,11 @@ fn difference_deg(rows: &[ReplayRow], others: &[ReplayRow]) -> Option<f64> {
             .filter(|other| other.is_usable && other.t_s <= row.t_s + MAX_TIME_DIFFERENCE_S)
             .map(|other| (row, other))
     });
-    let squares: Vec<f64> = at_same_time
-        .map(|(row, other)| square(wrap_180(row.logged_heading_deg() - other.logged_heading_deg())))
-        .filter(|square_deg2| square_deg2.is_finite())
+    let differences_deg: Vec<f64> = at_same_time
+        .map(|(row, other)| wrap_180(row.logged_heading_deg() - other.logged_heading_deg()))
+        .filter(|difference_deg| difference_deg.is_finite())
         .collect();
-    (squares.len() >= MIN_ROWS).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+    (differences_deg.len() >= MIN_ROWS).then(|| rms(differences_deg))
 }
 
 impl fmt::Display for Disagreement {

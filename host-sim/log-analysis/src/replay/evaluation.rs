@@ -16,7 +16,7 @@ use super::sensor_change::{SensorChange, find_sensor_change};
 use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
-use crate::replay::result::{HeadingScore, ReplayOptions, ReplayResult, RowSelection};
+use crate::replay::result::{EarthFieldPrior, HeadingScore, ReplayResult, RowSelection};
 use crate::replay::row::ReplayRow;
 use crate::replay::rows::{RowCounts, build_rows};
 
@@ -71,14 +71,21 @@ pub struct CompassEvaluation {
     pub module_result: Option<ReplayResult>,
     /// Heading scores with the correction as logged, and with each compared correction; none without a reference.
     pub heading_scores: Vec<(CorrectionSource, Option<HeadingScore>)>,
-    /// Changes of hard iron in flight, in order of time.
+    /// Causes of errors in flight.
+    pub causes: FieldCauses,
+    /// The fit, from which the autopilot's parameters are made.
+    pub parameter_fit: ParameterFit,
+}
+
+/// Causes of errors in flight.
+#[derive(Clone, Debug, Default)]
+pub struct FieldCauses {
+    /// Changes of hard iron, in order of time.
     pub hard_iron_changes: Vec<LoggedHardIronChange>,
-    /// Change of the sensor in flight; the changes of hard iron that it appears as are removed.
+    /// Change of the sensor; the changes of hard iron that it appears as are removed.
     pub sensor_change: Option<SensorChange>,
     /// Loads that bend the field.
     pub bending_loads: Vec<BendingLoad>,
-    /// The fit, from which the autopilot's parameters are made.
-    pub parameter_fit: ParameterFit,
 }
 
 /// Source of a correction.
@@ -131,6 +138,18 @@ pub struct FlightEvaluation {
     pub attitude_interval_s: f64,
 }
 
+impl FlightEvaluation {
+    /// Strength of the modelled Earth field, microtesla.
+    pub(super) fn earth_total_ut(&self) -> Option<f64> {
+        self.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut))
+    }
+
+    /// Inclination of the modelled Earth field, degrees.
+    pub(super) fn earth_inclination_deg(&self) -> Option<f64> {
+        self.earth_field.as_ref().map(|(earth, _)| f64::from(earth.inclination_deg))
+    }
+}
+
 /// Evaluates the compasses of a flight.
 #[must_use]
 pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOptions) -> FlightEvaluation {
@@ -157,12 +176,11 @@ pub fn evaluate_flight(flight: &LoggedFlight, evaluation_options: &EvaluationOpt
         })
         .collect();
     field_latency::fill_in_missing_latencies(&mut latencies);
-    let options = ReplayOptions {
-        row_selection: evaluation_options.compared_module.unwrap_or(RowSelection::All),
+    let prior = EarthFieldPrior {
         inclination_deg: evaluation_options.inclination_deg,
         place_and_day: flight.position().zip(flight.flight_date),
     };
-    let inputs = SharedInputs { flight, reference: reference.as_ref(), earth_ut, evaluation_options, options };
+    let inputs = SharedInputs { flight, reference: reference.as_ref(), earth_ut, evaluation_options, prior };
     let compasses: Vec<CompassEvaluation> = compasses
         .par_iter()
         .zip(latencies)
@@ -184,7 +202,7 @@ struct SharedInputs<'a> {
     reference: Option<&'a ReferenceHeading>,
     earth_ut: Option<f64>,
     evaluation_options: &'a EvaluationOptions,
-    options: ReplayOptions,
+    prior: EarthFieldPrior,
 }
 
 impl SharedInputs<'_> {
@@ -202,24 +220,24 @@ impl SharedInputs<'_> {
 
     fn evaluate_compass(&self, compass: &LoggedCompass, latency: FieldLatency) -> CompassEvaluation {
         let (rows, row_counts) = self.replay_rows(compass, latency);
-        let whole_fit = ParameterFit::new(&rows, None, &self.options);
-        let FieldCauses { hard_iron_changes, sensor_change, bending_loads } =
-            self.find_causes(compass, &rows, &whole_fit);
+        let whole_fit = ParameterFit::new(&rows, None, &self.prior);
+        let causes = self.find_causes(compass, &rows, &whole_fit);
         let remounted = mounting_parameter_changes(self.flight, compass.compass_number);
-        let last_change_s = hard_iron_changes
+        let last_change_s = causes
+            .hard_iron_changes
             .iter()
             .map(|change| change.hard_iron_step.time_s)
-            .chain(sensor_change.map(|change| change.time_s))
+            .chain(causes.sensor_change.map(|change| change.time_s))
             .chain(remounted.into_iter().map(|(_, at_s)| at_s))
             .reduce(f64::max);
         let parameter_fit = match last_change_s {
-            Some(_) => ParameterFit::new(&rows, last_change_s, &self.options),
+            Some(_) => ParameterFit::new(&rows, last_change_s, &self.prior),
             None => whole_fit,
         };
         let module_result = self
             .evaluation_options
             .compared_module
-            .map(|_| replay_rows_of_flight(&rows, Some(self.flight), &self.options));
+            .map(|selection| replay_rows_of_flight(&rows, Some(self.flight), selection, &self.prior));
         CompassEvaluation {
             compass_number: compass.compass_number,
             is_used_for_heading: compass.is_used_for_heading,
@@ -229,9 +247,7 @@ impl SharedInputs<'_> {
             heading_scores: heading_scores(compass, &rows, module_result.as_ref()),
             rows,
             module_result,
-            hard_iron_changes,
-            sensor_change,
-            bending_loads,
+            causes,
             parameter_fit,
         }
     }
@@ -255,14 +271,6 @@ impl SharedInputs<'_> {
         let bending_loads = find_bending_loads(rows, self.flight, &initial, &hard_iron_changes);
         FieldCauses { hard_iron_changes, sensor_change, bending_loads }
     }
-}
-
-/// Causes of errors in flight.
-#[derive(Default)]
-struct FieldCauses {
-    hard_iron_changes: Vec<LoggedHardIronChange>,
-    sensor_change: Option<SensorChange>,
-    bending_loads: Vec<BendingLoad>,
 }
 
 /// Scores of the corrections as logged, and in a comparison with a module those of other fits.

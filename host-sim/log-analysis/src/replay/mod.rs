@@ -37,7 +37,7 @@ pub mod verdict;
 pub use parameter_loading::{ParameterChange, ParameterFile};
 pub use reference::{ReferenceHeading, ReferenceKind};
 pub use replay_run::replay_rows;
-pub use result::{HeadingRow, HeadingScore, ReplayOptions, ReplayResult, RowSelection};
+pub use result::{EarthFieldPrior, HeadingRow, HeadingScore, ReplayResult, RowSelection};
 pub use row::ReplayRow;
 pub(crate) use row::heading_deg;
 pub(crate) use row_solve::solved_correction;

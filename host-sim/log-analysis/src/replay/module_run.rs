@@ -11,7 +11,7 @@ use autoswing_module::messages::{Message, Refusal};
 use autoswing_module::settings::Settings;
 use autoswing_module::store::StoredValues;
 
-use super::result::ReplayOptions;
+use super::result::EarthFieldPrior;
 use super::row_solve::{RunOutcome, sample_time_s};
 
 /// Arbitrary sensor identity, since samples are already averaged and nothing is stored.
@@ -33,17 +33,17 @@ impl<'a> ModuleRun<'a> {
     /// A module at the start of a collection.
     pub fn new(
         procedure: Procedure,
-        options: &ReplayOptions,
+        prior: &EarthFieldPrior,
         readings_per_sample: u16,
         retained: &'a mut RetainedSamples,
     ) -> Self {
-        let inclination_deg = options.inclination_deg.map(|degrees| degrees as f32);
+        let inclination_deg = prior.inclination_deg.map(|degrees| degrees as f32);
         let settings = Settings { inclination_deg, ..Settings::DEFAULT };
         let stored = StoredValues { settings, ..StoredValues::default() };
         let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
         let mut module = Self { compass, candidate: None, outcome: None, ended_s: None, refused_run: None };
         module.process_event(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
-        if let Some((place, day)) = options.place_and_day {
+        if let Some((place, day)) = prior.place_and_day {
             module.process_event(Event::Position(place, WrappingMillis::default()));
             module.process_event(Event::Date(day));
         }

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::replay_run::solve_rows;
 use super::row_solve::solved_correction;
 use crate::log::FieldCorrection;
-use crate::replay::result::ReplayOptions;
+use crate::replay::result::EarthFieldPrior;
 use crate::replay::row::ReplayRow;
 
 /// Duration of the blocks of rows that are fitted or held back together, seconds: longer than the correlation of
@@ -42,18 +42,18 @@ pub struct CompassFit {
     pub is_accepted: bool,
     /// Right-angle mounting of the sensor against that of the log.
     pub mount: Orientation,
-    options: ReplayOptions,
+    prior: EarthFieldPrior,
 }
 
 impl ParameterFit {
     /// Fits the rows after the last change.
-    pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, options: &ReplayOptions) -> Self {
+    pub fn new(rows: &[ReplayRow], changed_s: Option<f64>, prior: &EarthFieldPrior) -> Self {
         let from_s = changed_s.map_or(f64::NEG_INFINITY, |at_s| at_s + SKIPPED_AFTER_CHANGE_S);
         let since: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable && row.t_s >= from_s).copied().collect();
         Self {
             last_change_s: changed_s,
             fitted_range_s: since.first().zip(since.last()).map(|(first, last)| [first.t_s, last.t_s]),
-            fit: CompassFit::new(&since, options),
+            fit: CompassFit::new(&since, prior),
         }
     }
 
@@ -81,8 +81,8 @@ impl ParameterFit {
 
 impl CompassFit {
     /// Fits the rows, with motor-current interference if that is known and large enough to matter.
-    fn new(rows: &[ReplayRow], options: &ReplayOptions) -> Option<Self> {
-        let fit = Self::in_any_mount(rows, options, Orientation::IDENTITY_ROTATION)?;
+    fn new(rows: &[ReplayRow], prior: &EarthFieldPrior) -> Option<Self> {
+        let fit = Self::in_any_mount(rows, prior, Orientation::IDENTITY_ROTATION)?;
         if fit.has_motor_current() && !is_motor_significant(&fit.solution) {
             fit.without_current(rows)
         } else {
@@ -90,9 +90,9 @@ impl CompassFit {
         }
     }
 
-    fn in_any_mount(rows: &[ReplayRow], options: &ReplayOptions, mount: Orientation) -> Option<Self> {
-        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, options, mount);
-        Some(Self { solution: solution?, is_accepted: acceptance.is_ok(), mount, options: *options })
+    fn in_any_mount(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> Option<Self> {
+        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, prior, mount);
+        Some(Self { solution: solution?, is_accepted: acceptance.is_ok(), mount, prior: *prior })
     }
 
     /// Whether the fit estimates motor-current interference.
@@ -103,7 +103,7 @@ impl CompassFit {
     /// The fit of the rows without their current.
     pub(super) fn without_current(&self, rows: &[ReplayRow]) -> Option<Self> {
         let without_current: Vec<ReplayRow> = rows.iter().map(|row| ReplayRow { current_a: None, ..*row }).collect();
-        Self::in_any_mount(&without_current, &self.options, Orientation::IDENTITY_ROTATION)
+        Self::in_any_mount(&without_current, &self.prior, Orientation::IDENTITY_ROTATION)
     }
 
     /// Fits of the same unknowns to the first and to the second half of the rows; none for a half without a solution.
@@ -113,7 +113,7 @@ impl CompassFit {
             let with_unknowns =
                 |row: &ReplayRow| ReplayRow { current_a: row.current_a.filter(|_| self.has_motor_current()), ..*row };
             let half: Vec<ReplayRow> = rows_of_half.map(with_unknowns).collect();
-            solve_in_any_mount(&half, &self.options, self.mount).1.0
+            solve_in_any_mount(&half, &self.prior, self.mount).1.0
         };
         rayon::join(|| fit_half(0), || fit_half(1)).into()
     }
@@ -141,12 +141,12 @@ fn is_motor_significant(solution: &Solution) -> bool {
 /// accepted.
 fn solve_in_any_mount(
     rows: &[ReplayRow],
-    options: &ReplayOptions,
+    prior: &EarthFieldPrior,
     mount: Orientation,
 ) -> (Orientation, (Option<Solution>, Result<(), Refusal>)) {
-    let outcome = solve_rows(rows, options, mount);
+    let outcome = solve_rows(rows, prior, mount);
     if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.1 {
-        let turned = solve_rows(rows, options, found);
+        let turned = solve_rows(rows, prior, found);
         if turned.1.is_ok() {
             return (found, turned);
         }
@@ -164,7 +164,6 @@ pub fn half_index_at(t_s: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::replay::RowSelection;
     use crate::replay::tests::level_row;
 
     /// The second after a change is skipped.
@@ -172,9 +171,9 @@ mod tests {
     fn usable_rows_since_the_last_change_are_fitted() {
         let mut rows: Vec<ReplayRow> = (0..40).map(|i| level_row(f64::from(i) / 2.0, 0.0)).collect();
         (rows[13].is_usable, rows[30].is_usable, rows[39].is_usable) = (false, false, false);
-        let options = ReplayOptions::with_selection(RowSelection::All);
+        let prior = EarthFieldPrior::default();
         for (changed_s, first, fitted_count) in [(None, 0, 37), (Some(5.6), 14, 24)] {
-            let fit = ParameterFit::new(&rows, changed_s, &options);
+            let fit = ParameterFit::new(&rows, changed_s, &prior);
             assert_eq!(fit.fitted_range_s, Some([f64::from(first) / 2.0, 19.0]));
             assert!(fit.fitted_rows(&rows).all(|row| row.is_usable));
             assert_eq!(fit.fitted_rows(&rows).count(), fitted_count);

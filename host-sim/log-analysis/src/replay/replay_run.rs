@@ -7,7 +7,7 @@ use autoswing::instrument::{Instrument, InstrumentConfig};
 use autoswing_module::messages::Refusal;
 
 use super::module_run::ModuleRun;
-use super::result::{HeadingRow, ReplayOptions, ReplayResult, RowSelection};
+use super::result::{EarthFieldPrior, HeadingRow, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
 use super::row_solve::{RunOutcome, solve_evenly_thinned, solve_retained_samples, solver_prior};
@@ -18,22 +18,23 @@ const POOR_SOLVE_RMS_DEG: f32 = 2.0;
 
 /// Replays rows, in order of time, without attitudes between them.
 #[must_use]
-pub fn replay_rows(rows: &[ReplayRow], options: &ReplayOptions) -> ReplayResult {
-    replay_rows_of_flight(rows, None, options)
+pub fn replay_rows(rows: &[ReplayRow], selection: RowSelection, prior: &EarthFieldPrior) -> ReplayResult {
+    replay_rows_of_flight(rows, None, selection, prior)
 }
 
 /// Replays rows with the flight's attitudes between them.
 pub fn replay_rows_of_flight(
     rows: &[ReplayRow],
     flight: Option<&LoggedFlight>,
-    options: &ReplayOptions,
+    selection: RowSelection,
+    prior: &EarthFieldPrior,
 ) -> ReplayResult {
     let config = instrument_config(rows);
     let usable = samples_of_usable_rows(rows, config);
-    let run_outcome = match options.row_selection {
-        RowSelection::All => solve_evenly_thinned(&usable, &solver_prior(options, config)),
-        RowSelection::Turns => calibrate_module(&usable, Procedure::Turns, options, config),
-        RowSelection::Flight => calibrate_module(&usable, Procedure::Flight, options, config),
+    let run_outcome = match selection {
+        RowSelection::All => solve_evenly_thinned(&usable, &solver_prior(prior, config)),
+        RowSelection::Turns => calibrate_module(&usable, Procedure::Turns, prior, config),
+        RowSelection::Flight => calibrate_module(&usable, Procedure::Flight, prior, config),
     };
     let RunOutcome { solution, acceptance, fitted_count, collection_end_s } = run_outcome;
     let headings = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
@@ -50,18 +51,18 @@ pub fn replay_rows_of_flight(
 fn calibrate_module(
     samples: &[Sample],
     procedure: Procedure,
-    options: &ReplayOptions,
+    prior: &EarthFieldPrior,
     config: InstrumentConfig,
 ) -> RunOutcome {
     let mut retained = RetainedSamples::EMPTY;
-    let mut module = ModuleRun::new(procedure, options, config.readings_per_sample(), &mut retained);
+    let mut module = ModuleRun::new(procedure, prior, config.readings_per_sample(), &mut retained);
     module.collect_samples(samples);
     module.into_outcome()
 }
 
 /// Solves the usable rows, evenly thinned.
 pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
-    solve_rows(rows, &ReplayOptions::with_selection(RowSelection::All), Orientation::IDENTITY_ROTATION).0
+    solve_rows(rows, &EarthFieldPrior::default(), Orientation::IDENTITY_ROTATION).0
 }
 
 /// Solves the usable rows of a sensor in a mounting, evenly thinned, and evaluates whether the module would accept the
@@ -69,11 +70,11 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 /// all of them.
 pub(super) fn solve_rows(
     rows: &[ReplayRow],
-    options: &ReplayOptions,
+    prior: &EarthFieldPrior,
     mount: Orientation,
 ) -> (Option<Solution>, Result<(), Refusal>) {
     let config = instrument_config(rows);
-    let (samples, prior) = (samples_of_usable_rows(rows, config), Prior { mount, ..solver_prior(options, config) });
+    let (samples, prior) = (samples_of_usable_rows(rows, config), Prior { mount, ..solver_prior(prior, config) });
     let outcome =
         more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior));
     (outcome.solution, outcome.acceptance)

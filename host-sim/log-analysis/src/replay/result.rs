@@ -1,4 +1,4 @@
-//! Options and results of a replay.
+//! Inputs and results of a replay.
 
 use autoswing::calibration::Solution;
 use autoswing::earth::{Date, EarthField, Position};
@@ -19,11 +19,9 @@ pub enum RowSelection {
     Flight,
 }
 
-/// Options of a replay.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReplayOptions {
-    /// Rows used for the fit.
-    pub row_selection: RowSelection,
+/// Prior information on the Earth field.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EarthFieldPrior {
     /// Configured inclination of the Earth field, degrees.
     pub inclination_deg: Option<f64>,
     /// Place and day for the field model, used if no inclination is configured and dropped if the samples contradict
@@ -31,13 +29,7 @@ pub struct ReplayOptions {
     pub place_and_day: Option<(Position, Date)>,
 }
 
-impl ReplayOptions {
-    /// Options with a row selection and no prior information.
-    #[must_use]
-    pub const fn with_selection(selected: RowSelection) -> Self {
-        Self { row_selection: selected, inclination_deg: None, place_and_day: None }
-    }
-
+impl EarthFieldPrior {
     /// Configured inclination, else that of the field model, radians.
     pub(super) fn inclination_rad(&self) -> Option<f32> {
         let by_model = || {

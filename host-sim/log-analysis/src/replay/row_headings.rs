@@ -14,7 +14,7 @@ use super::result::{HeadingRow, HeadingScore};
 use super::row::{ReplayRow, heading_deg};
 use super::rows::{self, attitudes_between};
 use crate::log::LoggedFlight;
-use crate::numbers::{mean_angle_deg, median, square};
+use crate::numbers::{mean_angle_deg, median, rms, square};
 use crate::score::{within_percent, wrap_180};
 
 /// Largest row interval for the monitor, microseconds. At 1 Hz it reports false hard-iron changes and degrades headings
@@ -34,10 +34,7 @@ pub(super) fn heading_scatter(rows: &[ReplayRow], field: &dyn Fn(&ReplayRow) -> 
         })
         .collect();
     let [strength, inclination_rad] = [0, 1].map(|i| median(polar.iter().map(|polar| polar[i])));
-    let rms = |residual: &dyn Fn(&[f64; 2]) -> f64| {
-        (polar.iter().map(|polar| square(residual(polar))).sum::<f64>() / polar.len() as f64).sqrt()
-    };
-    [rms(&|[f, _]| f / strength - 1.0), rms(&|[_, i]| i - inclination_rad)]
+    [rms(polar.iter().map(|[f, _]| f / strength - 1.0)), rms(polar.iter().map(|[_, i]| i - inclination_rad))]
         .map(|rms| rms.to_degrees() / libm::cos(inclination_rad))
 }
 
@@ -144,13 +141,12 @@ pub(super) fn score_rows(
             Some((wrap_180(heading_deg - reference_deg), sigma_deg))
         })
         .collect();
-    let row_count = errors.len() as f64;
     // Circular, so that errors near 180 deg do not cancel.
     let mean_deg = mean_angle_deg(errors.iter().map(|(error, _)| *error))?;
     let demeaned = |error: f64| wrap_180(error - mean_deg);
     let normalised: Vec<f64> = errors.iter().map(|(error, sigma_deg)| demeaned(*error) / sigma_deg).collect();
     Some(HeadingScore {
-        rms_deg: (errors.iter().map(|(error, _)| square(demeaned(*error))).sum::<f64>() / row_count).sqrt(),
+        rms_deg: rms(errors.iter().map(|(error, _)| demeaned(*error))),
         mean_deg,
         row_count: errors.len(),
         within_sigmas_percent: within_percent(&normalised),

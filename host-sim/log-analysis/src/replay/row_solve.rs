@@ -9,7 +9,7 @@ use autoswing::instrument::InstrumentConfig;
 use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
-use super::result::ReplayOptions;
+use super::result::EarthFieldPrior;
 use crate::log::FieldCorrection;
 use crate::score::accepted_by_uncalibrated;
 
@@ -55,11 +55,11 @@ pub(crate) fn solved_correction(solution: &Solution) -> FieldCorrection {
 }
 
 /// Prior of the module: an inclination that no option configures is that of the field model.
-pub(super) fn solver_prior(options: &ReplayOptions, config: InstrumentConfig) -> Prior {
+pub(super) fn solver_prior(prior: &EarthFieldPrior, config: InstrumentConfig) -> Prior {
     Prior {
         mount: Orientation::IDENTITY_ROTATION,
-        inclination_rad: options.inclination_rad(),
-        is_inclination_modelled: options.inclination_deg.is_none(),
+        inclination_rad: prior.inclination_rad(),
+        is_inclination_modelled: prior.inclination_deg.is_none(),
         readings_per_sample: config.readings_per_sample(),
     }
 }

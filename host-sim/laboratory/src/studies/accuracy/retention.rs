@@ -40,8 +40,8 @@ fn sorted_by_time(samples: Samples<'_>) -> Vec<Sample> {
 mod tests {
     use autoswing::frames::{Field, RollPitch};
     use autoswing::time::WrappingMillis;
+    use log_analysis::replay::EarthFieldPrior;
     use log_analysis::replay::module_run::ModuleRun;
-    use log_analysis::replay::{ReplayOptions, RowSelection};
     use testkit::random::Random;
 
     use super::*;
@@ -76,9 +76,8 @@ mod tests {
     #[test]
     fn trial_solves_change_the_retained_samples() {
         let samples = samples_of_small_turns();
-        let options = ReplayOptions::with_selection(RowSelection::Flight);
         let mut retained = RetainedSamples::EMPTY;
-        let mut module = ModuleRun::new(Procedure::Flight, &options, 1, &mut retained);
+        let mut module = ModuleRun::new(Procedure::Flight, &EarthFieldPrior::default(), 1, &mut retained);
         module.collect_samples(&samples);
         let collected = sorted_by_time(module.collector().fit_samples());
         assert_eq!(module.ended_s(), None);

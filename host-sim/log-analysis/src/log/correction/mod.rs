@@ -144,32 +144,10 @@ impl InvertibleCorrection {
     }
 }
 
-/// ArduPilot's calibration parameters of a slot that are missing although another of the same x, y, z triple is present.
-pub(super) fn missing_parameters_of_slot(parameters: &ParameterHistory, slot: u8) -> Vec<String> {
-    let mut missing = Vec::new();
-    for parameter_part in ["OFS", "DIA", "ODI"] {
-        let names = ardupilot_vector(parameter_part, slot).into_iter();
-        let (known, unknown): (Vec<_>, Vec<_>) = names.partition(|name| parameters.last_value(name).is_some());
-        if !known.is_empty() {
-            missing.extend(unknown);
-        }
-    }
-    missing
-}
-
 /// Symmetric matrix from its diagonal and its xy, xz and yz elements.
 pub(crate) fn symmetric_matrix(diagonal: &Vector3<f64>, off_diagonal: &Vector3<f64>) -> Matrix3<f64> {
-    Matrix3::new(
-        diagonal.x,
-        off_diagonal.x,
-        off_diagonal.y,
-        off_diagonal.x,
-        diagonal.y,
-        off_diagonal.z,
-        off_diagonal.y,
-        off_diagonal.z,
-        diagonal.z,
-    )
+    let ([xx, yy, zz], [xy, xz, yz]): ([f64; 3], [f64; 3]) = ((*diagonal).into(), (*off_diagonal).into());
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
 
 #[cfg(test)]

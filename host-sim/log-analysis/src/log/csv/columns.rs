@@ -223,7 +223,7 @@ fn sensor_and_axis(column: &str, stem: &str) -> Option<(SensorColumns, usize)> {
 
 /// Whether this is a table whose log has further tables: it has the clock of Sensor Logger or of x-IMU3, or is a file of phyphox;
 /// and it is no whole log.
-pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
+pub(in crate::log) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
     let cells = header_cells(header, file_stem);
     let has = |own_name: &str| cells.iter().any(|cell| cell.name == own_name);
     let is_of_phyphox = PHYPHOX_FILES.contains(&file_stem.to_lowercase().as_str())

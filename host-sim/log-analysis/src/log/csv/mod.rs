@@ -37,6 +37,7 @@ pub(super) use error::CsvError;
 use super::flight::LoggedFlight;
 use super::read_window::ReadWindow;
 use columns::is_comment;
+pub(super) use columns::is_sensor_table;
 pub(super) use reader::TableReader;
 use table_layout::{TableLayout, is_header};
 
@@ -51,12 +52,6 @@ pub(super) fn read_csv(source: impl Read, unit: FieldUnit) -> Result<LoggedFligh
     let mut table_reader = TableReader::new();
     read_table(&mut table_reader, source, unit, "")?;
     table_reader.finish_flight()
-}
-
-/// Whether this is the header of a sensor's table whose log has further tables; `file_stem` is the file's name without
-/// extension.
-pub(super) fn is_sensor_table(header: &str, file_stem: &str) -> bool {
-    columns::is_sensor_table(header, file_stem)
 }
 
 /// Reads a table whose log has further tables if it has a name.
@@ -275,10 +270,7 @@ mod tests {
 
     /// Rates of one axis at the rows of a table with these mean rates.
     fn interpolated_rates(mean_rates: &[(f64, f32)]) -> Vec<f32> {
-        let mut rates = Series::new();
-        for &(t_s, rate) in mean_rates {
-            rates.push_row(t_s, [0.0, rate, -rate]);
-        }
+        let rates = mean_rates.iter().map(|&(t_s, rate)| (t_s, [0.0, rate, -rate])).collect();
         let by_axis = rates_at_rows(&rates).into_iter().map(|(_, rates)| rates);
         by_axis
             .map(|[p, q, r]| {

@@ -9,7 +9,7 @@ use super::super::time_series::Series;
 use super::super::timeline::Timeline;
 use super::columns::FieldUnit;
 use super::error::{CsvError, ScaleMonitor, time_problem};
-use super::table_layout::{InvalidCell, TableLayout};
+use super::table_layout::{FORCE_COLUMNS, InvalidCell, RATE_COLUMNS, TableLayout};
 
 /// Clock value assigned to the median time of the first lines, microseconds; large, so that earlier lines have positive
 /// values.
@@ -102,8 +102,8 @@ impl TableReader {
         let usable = cells.optional_number("use")?;
         let reference = cells.optional_number("yaw_ref_deg")?;
         let yaw = cells.optional_number("yaw_deg")?;
-        let rates_dps = cells.rates_dps()?;
-        let force_m_s2 = cells.force_m_s2()?;
+        let rates_dps = cells.optional_vector(RATE_COLUMNS)?;
+        let force_m_s2 = cells.optional_vector(FORCE_COLUMNS)?;
         let Some(t_s) = self.row_time_s(t_s) else { return Ok(()) };
         if let Some(rates_dps) = rates_dps {
             self.rates.push_row(t_s, rates_dps.map(|dps| dps.to_radians() as f32));

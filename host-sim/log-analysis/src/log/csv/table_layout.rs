@@ -29,8 +29,9 @@ struct Column {
 /// Columns of which the header of a table has some.
 const USUAL_COLUMNS: [&str; 6] = ["t_s", "mx", "my", "mz", "roll_deg", "pitch_deg"];
 
-const RATE_COLUMNS: [&str; 3] = ["p_dps", "q_dps", "r_dps"];
-const FORCE_COLUMNS: [&str; 3] = ["ax", "ay", "az"];
+/// Columns of the body rates, degrees per second, and of the specific force, m/s^2.
+pub(super) const RATE_COLUMNS: [&str; 3] = ["p_dps", "q_dps", "r_dps"];
+pub(super) const FORCE_COLUMNS: [&str; 3] = ["ax", "ay", "az"];
 
 /// Columns without a unit that a header may declare.
 const COLUMNS_WITHOUT_UNITS: [&str; 8] =
@@ -175,22 +176,12 @@ impl LineCells<'_> {
     }
 
     /// The numbers of three columns; none if all cells are empty, or a column is missing.
-    fn optional_vector(&self, columns: [&str; 3]) -> Result<Option<[f64; 3]>, InvalidCell> {
+    pub fn optional_vector(&self, columns: [&str; 3]) -> Result<Option<[f64; 3]>, InvalidCell> {
         let is_given = columns.iter().any(|column| self.number(column).is_some());
         if !is_given || !columns.iter().all(|column| self.columns.contains_key(*column)) {
             return Ok(None);
         }
         let [x, y, z] = columns.map(|column| self.required_number(column));
         Ok(Some([x?, y?, z?]))
-    }
-
-    /// Body rates, degrees per second.
-    pub fn rates_dps(&self) -> Result<Option<[f64; 3]>, InvalidCell> {
-        self.optional_vector(RATE_COLUMNS)
-    }
-
-    /// Specific force, m/s^2.
-    pub fn force_m_s2(&self) -> Result<Option<[f64; 3]>, InvalidCell> {
-        self.optional_vector(FORCE_COLUMNS)
     }
 }

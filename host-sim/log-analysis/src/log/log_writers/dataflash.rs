@@ -35,20 +35,9 @@ impl From<f64> for ColumnValue {
 }
 
 /// Encodes a recording as binary DataFlash.
+#[must_use]
 pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {
-        bytes.extend([
-            0xA3,
-            0x95,
-            128,
-            message_number,
-            (3 + format_codes.bytes().map(format_size).sum::<usize>()) as u8,
-        ]);
-        for (text, length) in [(name, 4), (format_codes, 16), (columns, 64)] {
-            bytes.extend(padded_text(text, length));
-        }
-    }
     write_messages(recording, &mut |index, values| {
         let (message_number, _, format_codes, _) = WRITTEN_MESSAGES[index];
         bytes.extend([0xA3, 0x95, message_number]);
@@ -63,12 +52,9 @@ pub fn encode_dataflash(recording: &FlightRecording) -> Vec<u8> {
 }
 
 /// Encodes a recording as DataFlash text.
+#[must_use]
 pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
     let mut text = String::new();
-    for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {
-        let length = 3 + format_codes.bytes().map(format_size).sum::<usize>();
-        let _ = writeln!(text, "FMT, {message_number}, {length}, {name}, {format_codes}, {columns}");
-    }
     write_messages(recording, &mut |index, values| {
         let (_, name, format_codes, _) = WRITTEN_MESSAGES[index];
         text.push_str(name);
@@ -90,6 +76,11 @@ pub fn encode_dataflash_text(recording: &FlightRecording) -> Vec<u8> {
 fn write_messages(recording: &FlightRecording, write: &mut dyn FnMut(usize, &[ColumnValue])) {
     let first_us = recording.samples.first().map_or(0.0, |sample| sample.time_us as f64);
     let text_value = |text: &str| ColumnValue::Text(text.to_owned());
+    for (message_number, name, format_codes, columns) in WRITTEN_MESSAGES {
+        let length = 3 + format_codes.bytes().map(format_size).sum::<usize>();
+        let numbers = [f64::from(message_number), length as f64].map(ColumnValue::from);
+        write(0, &[&numbers[..], &[name, format_codes, columns].map(text_value)].concat());
+    }
     let firmware = if recording.is_copter { "ArduCopter V4.6.0 (host-sim)" } else { "ArduPlane V4.6.0 (host-sim)" };
     write(2, &[first_us.into(), text_value(firmware)]);
     for (name, value) in &recording.parameters {

@@ -73,6 +73,13 @@ impl FlightRecording {
         Self { field_latency_s: latency_s, ..Self::default() }
     }
 
+    /// The recording with other parameters of the autopilot.
+    #[must_use]
+    pub fn with_parameters(self, parameters: &[(&str, f64)]) -> Self {
+        let parameters = parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        Self { parameters, ..self }
+    }
+
     /// Latitude, longitude, degrees, and height, metres, of a sample.
     pub(super) fn sample_position(&self, sample: &FlightSample) -> Option<[f64; 3]> {
         /// Length of one degree of latitude, metres.

@@ -84,10 +84,10 @@ fn two_compass_recording(parameters: &[(&str, f64)]) -> FlightRecording {
     });
     FlightRecording {
         samples: instants.collect(),
-        parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
         start_position: Some([48.0, 11.3, 500.0]),
         ..FlightRecording::default()
     }
+    .with_parameters(parameters)
 }
 
 /// The flight in each format, and the format's field resolution, microtesla.

@@ -2,7 +2,7 @@
 
 use crate::log::time_series::Series;
 use crate::log::{AutopilotKind, LoadSource, LoggedFlight};
-use crate::numbers::quantile;
+use crate::numbers::{mean, quantile};
 use crate::replay::row::ReplayRow;
 
 /// Longest interval between rows of a load, seconds; telemetry has one a second.
@@ -147,9 +147,9 @@ fn joined_with_and(words: &[String]) -> String {
 fn values_at_rows(values: &Series<1>, rows: &[ReplayRow]) -> Option<Vec<f64>> {
     let found: Vec<Option<f64>> =
         rows.iter().map(|row| values.interpolate_or_hold(row.t_s, MAX_GAP_S).map(|[value]| f64::from(value))).collect();
-    let known: Vec<f64> = found.iter().copied().flatten().collect();
-    let mean = known.iter().sum::<f64>() / known.len() as f64;
-    (known.len() as f64 >= MIN_COVERED_FRACTION * rows.len() as f64)
+    let known = found.iter().copied().flatten();
+    let mean = mean(known.clone());
+    (known.count() as f64 >= MIN_COVERED_FRACTION * rows.len() as f64)
         .then(|| found.into_iter().map(|value| value.unwrap_or(mean)).collect())
 }
 

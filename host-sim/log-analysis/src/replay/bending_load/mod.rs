@@ -21,6 +21,7 @@ use regression::{LoadFit, ResidualModel};
 use super::hard_iron_changes::LoggedHardIronChange;
 use super::row::ReplayRow;
 use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
+use crate::numbers::centred_products;
 
 /// Largest number of rows of the regression; more are thinned.
 const MAX_ROWS: usize = 5000;
@@ -116,13 +117,8 @@ fn find_logged_load(
 }
 
 fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let [one_mean, other_mean] = [mean(one), mean(other)];
-    let [products, one_squares, other_squares] = one.iter().zip(other).fold([0.0; 3], |[xy, xx, yy], (x, y)| {
-        let [x, y] = [x - one_mean, y - other_mean];
-        [xy + x * y, xx + x * x, yy + y * y]
-    });
-    products * products / (one_squares * other_squares)
+    let [xx, xy, yy] = centred_products(one.iter().zip(other).map(|(x, y)| [*x, *y]));
+    xy * xy / (xx * yy)
 }
 
 /// Fit of a load with the residuals clipped around it, and its model.

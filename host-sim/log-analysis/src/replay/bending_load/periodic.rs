@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::numbers::median;
+use crate::numbers::{mean, median};
 use crate::replay::row::ReplayRow;
 
 /// Shortest and longest period, seconds.
@@ -224,7 +224,7 @@ fn scalar_powers(
 ) -> (Vec<f64>, usize) {
     let from = at.saturating_sub(BACKGROUND_BINS + LINE_BINS);
     let to = (at + BACKGROUND_BINS + LINE_BINS + 1).min(frequencies_hz.len());
-    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+    let mean = mean(signal.iter().copied());
     let mut powers = vec![0.0; to - from];
     for part in segments {
         let value = |i: usize| Vector3::new(signal[i] - mean, 0.0, 0.0);

@@ -7,7 +7,7 @@ use autoswing::frames::Field;
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector3};
 
 use crate::log::FieldCorrection;
-use crate::numbers::{median, square};
+use crate::numbers::{mean, median, rms, square};
 use crate::replay::parameter_fit::half_index_at;
 use crate::replay::row::ReplayRow;
 
@@ -87,8 +87,8 @@ impl ResidualModel {
 
     /// Columns of a load of unit spread, without what the unknowns explain, and its spread.
     fn load_columns(&self, values: &[f64]) -> (DMatrix<f64>, f64) {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        let spread = (values.iter().map(|value| square(value - mean)).sum::<f64>() / values.len() as f64).sqrt();
+        let mean = mean(values.iter().copied());
+        let spread = rms(values.iter().map(|value| value - mean));
         let columns = DMatrix::from_fn(self.directions.len(), 3, |i, axis| {
             self.directions[i][axis] * (values[i / 2] - mean) / spread
         });
@@ -104,7 +104,7 @@ impl ResidualModel {
         values: &[f64],
         coefficient_ut: Vector3<f64>,
     ) -> Option<Self> {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let mean = mean(values.iter().copied());
         let raw_coefficient_ut = correction.matrix.try_inverse()? * coefficient_ut;
         let without_load = |(row, value): (&ReplayRow, &f64)| {
             let raw_ut = row.raw_field.ut - (raw_coefficient_ut * (value - mean)).map(|axis| axis as f32);

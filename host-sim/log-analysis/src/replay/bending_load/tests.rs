@@ -2,11 +2,8 @@ use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 use super::*;
-use crate::log;
-use crate::log::csv::FieldUnit;
-use crate::log::log_writers::{FlightRecording, FlightSample, encode_dataflash};
-use crate::replay::evaluation::{EvaluationOptions, evaluate_flight};
-use crate::test_flight::record_turns;
+use crate::log::log_writers::{FlightRecording, FlightSample};
+use crate::test_flight::{evaluate_compass, record_turns};
 
 /// Four minutes of turns, in which the first motor answers gusts and the second has a constant output.
 static TURNS: LazyLock<FlightRecording> = LazyLock::new(|| {
@@ -18,17 +15,11 @@ static TURNS: LazyLock<FlightRecording> = LazyLock::new(|| {
         let other = 0.5 + 0.05 * f64::from(random.normal());
         sample.outputs = vec![other, 0.4 + 0.1 * other, other * other, (0.5_f64 + gust).clamp(0.0, 1.0)];
     }
-    recording.parameters = [("COMPASS_OFS_X", 0.0), ("SERVO1_FUNCTION", 4.0), ("SERVO4_FUNCTION", 74.0)]
-        .map(|(name, value)| (name.to_owned(), value))
-        .to_vec();
-    recording
+    recording.with_parameters(&[("COMPASS_OFS_X", 0.0), ("SERVO1_FUNCTION", 4.0), ("SERVO4_FUNCTION", 74.0)])
 });
 
-fn loads_of(bytes: &[u8]) -> Vec<BendingLoad> {
-    let mut source = bytes;
-    let flight = log::read_flight(&mut source, FieldUnit::Milligauss).unwrap();
-    let options = EvaluationOptions { field_latency_s: Some(0.0), ..EvaluationOptions::DEFAULT };
-    evaluate_flight(&flight, &options).compasses[0].bending_loads.clone()
+fn loads_of(recording: &FlightRecording) -> Vec<BendingLoad> {
+    evaluate_compass(recording).causes.bending_loads
 }
 
 /// Loads of the flight with a disturbance at a time, microtesla in body axes.
@@ -38,7 +29,7 @@ fn loads_with(disturbance_ut: impl Fn(f64, &FlightSample) -> [f64; 3]) -> Vec<Be
         let added_ut = disturbance_ut(sample.time_us as f64 * 1e-6, sample);
         sample.field_ut[0] = std::array::from_fn(|axis| sample.field_ut[0][axis] + added_ut[axis]);
     }
-    loads_of(&encode_dataflash(&recording))
+    loads_of(&recording)
 }
 
 #[test]
@@ -71,11 +62,10 @@ fn a_pair_of_motors_is_named_if_it_is_clearly_the_best() {
             sample.outputs = (0..4).map(|_| common + difference * f64::from(random.normal())).collect();
             sample.field_ut[0][0] += 8.0 * (sample.outputs[0] + sample.outputs[3]);
         }
-        let motors = [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0), ("SERVO1_FUNCTION", 33.0), ("SERVO2_FUNCTION", 34.0)];
-        let motors =
-            motors.into_iter().chain([("SERVO3_FUNCTION", 35.0), ("SERVO4_FUNCTION", 36.0), ("COMPASS_OFS_X", 0.0)]);
-        recording.parameters = motors.map(|(name, value)| (name.to_owned(), value)).collect();
-        let loads = loads_of(&encode_dataflash(&recording));
+        let frame = [("FRAME_CLASS", 1.0), ("FRAME_TYPE", 1.0), ("COMPASS_OFS_X", 0.0)];
+        let motors = [("SERVO1_FUNCTION", 33.0), ("SERVO2_FUNCTION", 34.0), ("SERVO3_FUNCTION", 35.0)];
+        let motors = [&frame[..], &motors, &[("SERVO4_FUNCTION", 36.0)]].concat();
+        let loads = loads_of(&recording.with_parameters(&motors));
         let [load] = loads.as_slice() else { panic!("{loads:?}") };
         assert!(load.to_string().starts_with(name), "{load}");
     }

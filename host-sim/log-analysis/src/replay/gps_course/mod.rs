@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::time_series::Series;
 use crate::log::{Gps, HeadingIntegral, LoggedFlight};
-use crate::numbers::{median, square};
+use crate::numbers::{median, rms, square};
 
 /// Largest bank in straight flight, degrees; gusts roll by a few.
 const MAX_BANK_DEG: f32 = 10.0;
@@ -161,8 +161,7 @@ impl GpsCourseHeading {
         if widest_gap_deg > MAX_DIRECTION_GAP_DEG {
             return Err(GpsCourseRejection::FewDirections);
         }
-        let squares: f64 = straight.iter().map(|velocity| square(circle.radial_residual_m_s(velocity))).sum();
-        let scatter_m_s = (squares / straight.len() as f64).sqrt();
+        let scatter_m_s = rms(straight.iter().map(|velocity| circle.radial_residual_m_s(velocity)));
         if airspeed_m_s < MIN_AIRSPEED_TO_WIND_RATIO * circle.wind_m_s.norm() {
             return Err(GpsCourseRejection::StrongWind);
         }
@@ -170,10 +169,7 @@ impl GpsCourseHeading {
         if wind_sigma_m_s > MAX_WIND_SIGMA * airspeed_m_s {
             return Err(GpsCourseRejection::UncertainWind);
         }
-        let mut heading = Series::new();
-        for velocity in straight {
-            heading.push_row(velocity.t_s, [circle.heading_rad(velocity) as f32]);
-        }
+        let heading = straight.iter().map(|velocity| (velocity.t_s, [circle.heading_rad(velocity) as f32])).collect();
         let wind_m_s = circle.wind_m_s.into();
         Ok(Self { wind_m_s, wind_sigma_m_s, airspeed_m_s, scatter_m_s, widest_gap_deg, heading })
     }

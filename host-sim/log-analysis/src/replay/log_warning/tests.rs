@@ -96,14 +96,6 @@ fn change_mountings(flight: &mut LoggedFlight) {
     }
 }
 
-fn lose_every_11th_rate(flight: &mut LoggedFlight) {
-    let rows = flight.body_rates.rows().to_vec();
-    flight.body_rates = Series::new();
-    for (_, row) in rows.iter().enumerate().filter(|(i, _)| i % 11 != 0) {
-        flight.body_rates.push_row(row.t_s, row.row_values);
-    }
-}
-
 type EvaluationChange = fn(&mut LoggedFlight, &mut FlightEvaluation);
 
 #[test]
@@ -120,7 +112,7 @@ fn a_fault_of_a_compass_gives_its_own_warning_only() {
             |flight, _| change_mountings(flight),
             "changed in the log: AHRS_ORIENTATION at 60 s, COMPASS_ORIENT at 30 s; no calibration",
         ),
-        (|flight, _| lose_every_11th_rate(flight), "10 % of the body rates are lost"),
+        (|flight, _| flight.body_rates.retain_rows(|i, _| i % 11 != 0), "10 % of the body rates are lost"),
         (|_, evaluation| evaluation.compasses[1].row_counts.readings = 0, "all its readings are zero, out of range"),
         (|flight, evaluation| make_copter(flight, evaluation, None), gives_no_heading),
         (|flight, evaluation| make_copter(flight, evaluation, Some(ReferenceHeading::AutopilotYaw)), gives_no_heading),

@@ -8,7 +8,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::log::{HeadingIntegral, LoggedFlight, MAX_PITCH_RAD};
-use crate::numbers::square;
+use crate::numbers::{mean, square};
 use crate::replay::data_loss::measured_turns;
 use crate::replay::flown_headings::HeadingSectors;
 use crate::replay::row::ReplayRow;
@@ -101,7 +101,7 @@ fn fit_windows(windows: Vec<Vec<WindowRow>>) -> Option<Vec<FittedWindow>> {
     let duration_s: f64 = windows.iter().map(|window| window_duration_s(window)).sum();
     let weight = duration_s / row_count as f64 / square(NOISE_DEG);
     let start = |rows: Vec<WindowRow>| {
-        let start_deg = rows.iter().map(|row| row.difference_deg).sum::<f64>() / rows.len() as f64;
+        let start_deg = mean(rows.iter().map(|row| row.difference_deg));
         FittedWindow { rows, start_deg, errors_deg: Vec::new() }
     };
     let mut fitted: Vec<FittedWindow> = windows.into_iter().map(start).collect();
@@ -121,7 +121,7 @@ fn fit_windows(windows: Vec<Vec<WindowRow>>) -> Option<Vec<FittedWindow>> {
 }
 
 fn squares_about_mean(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let mean = mean(values.iter().copied());
     values.iter().map(|value| square(value - mean)).sum()
 }
 

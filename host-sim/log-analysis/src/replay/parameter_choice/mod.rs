@@ -9,7 +9,7 @@ pub use orientation_proof::provable_orientation;
 
 use autoswing::calibration::{Calibration, Solution};
 
-use super::evaluation::CompassEvaluation;
+use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 use super::parameter_export::orientation::{FixedOrientation, OrientationParameters, TurnedSensor};
 use super::parameter_export::{
@@ -106,40 +106,44 @@ pub enum ResidualDependence {
     Bank,
 }
 
-/// Parameters of a compass, or the reason for giving none. `reference` is the heading reference of the rows, `orientation`
-/// the orientation parameters that a file may change, `terms` what a file corrects if all terms together make it useful.
+/// Parameters of a compass, or the reason for giving none. `orientation` is that of the parameters that a file may change.
 pub fn choose_parameters(
     flight: &LoggedFlight,
-    evaluation: &CompassEvaluation,
-    reference: Option<&ReferenceHeading>,
-    total_ut: Option<f64>,
+    evaluation: &FlightEvaluation,
+    compass: &CompassEvaluation,
     format: ParameterFormat,
     orientation: Result<OrientationParameters, FixedOrientation>,
-    terms: CorrectedTerms,
 ) -> Result<ExportedCorrection, NoParameters> {
-    let parameter_fit = &evaluation.parameter_fit;
-    let rows: Vec<ReplayRow> = parameter_fit.fitted_rows(&evaluation.rows).copied().collect();
+    let CompassEvaluation { compass_number, parameter_fit, .. } = compass;
+    let rows: Vec<ReplayRow> = parameter_fit.fitted_rows(&compass.rows).copied().collect();
     if rows.len() < MIN_ROWS {
         return Err(NoParameters::FewRows(rows.len()));
     }
-    let sigma_deg = reference.and_then(ReferenceHeading::sigma_if_accurate_deg);
+    let sigma_deg = evaluation.reference.as_ref().and_then(ReferenceHeading::sigma_if_accurate_deg);
     let sigma_deg =
         sigma_deg.filter(|_| rows.iter().filter(|row| row.reference_deg.is_some()).count() >= MIN_REFERENCE_ROWS);
-    let compass_number = evaluation.compass_number;
-    let inputs =
-        ExportInputs { compass_number, rows: &rows, total_ut, format, orientation, terms: CorrectedTerms::All };
+    let inputs = ExportInputs {
+        compass_number: *compass_number,
+        rows: &rows,
+        total_ut: evaluation.earth_total_ut(),
+        format,
+        orientation,
+        terms: CorrectedTerms::All,
+    };
     let fit = parameter_fit.fit.as_ref().ok_or(NoParameters::Unsolved)?;
-    let without_current = (fit.has_motor_current()
-        && !may_compensate_current(flight, evaluation.compass_number, format))
-    .then(|| fit.without_current(&rows).ok_or(NoParameters::Unsolved));
-    let fit = without_current.transpose()?.unwrap_or_else(|| fit.clone());
+    let fit = if fit.has_motor_current() && !may_compensate_current(flight, *compass_number, format) {
+        &fit.without_current(&rows).ok_or(NoParameters::Unsolved)?
+    } else {
+        fit
+    };
     check_certainty(flight, &fit.solution)?;
     let halves = fit.fits_of_halves(&rows);
     let candidate_with = |inputs: &ExportInputs<'_>| {
-        ParameterCandidate::new(flight, inputs, &fit, &halves, sigma_deg.is_some()).ok_or(NoParameters::Unsolved)
+        ParameterCandidate::new(flight, inputs, fit, &halves, sigma_deg.is_some()).ok_or(NoParameters::Unsolved)
     };
     let mut candidate = candidate_with(&inputs)?;
     candidate.check_usefulness(sigma_deg)?;
+    let terms = evaluation.corrected_terms;
     let fewer_terms = if terms == CorrectedTerms::All { CorrectedTerms::Offsets } else { terms };
     let by_offsets = candidate_with(&ExportInputs { terms: fewer_terms, ..inputs })?;
     let rms_by_terms_deg = [&candidate, &by_offsets].map(|of| of.held_back.rms_deg);

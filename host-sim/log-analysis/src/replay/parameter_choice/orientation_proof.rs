@@ -51,9 +51,8 @@ fn mean_error_deg(evaluation: &FlightEvaluation, rows: &[ReplayRow], correction:
 /// Whether a rotation by 45 deg and more is distinguished from a mirror image, which fits with the opposite inclination and heading.
 fn is_sense_certain(evaluation: &FlightEvaluation, checks: &[ReadingCheck], by_reference_deg: Option<f64>) -> bool {
     /// Inclination whose sign the check shows, degrees: the bound of the check.
-    const MIN_INCLINATION_DEG: f32 = 20.0;
-    let is_steep =
-        evaluation.earth_field.as_ref().is_some_and(|(earth, _)| earth.inclination_deg.abs() > MIN_INCLINATION_DEG);
+    const MIN_INCLINATION_DEG: f64 = 20.0;
+    let is_steep = evaluation.earth_inclination_deg().is_some_and(|deg| deg.abs() > MIN_INCLINATION_DEG);
     let has_inclination = checks
         .iter()
         .any(|check| check.meaning == CheckedMeaning::Inclination && check.outcome == CheckOutcome::Passed);

@@ -6,10 +6,12 @@ use autoswing::frames::Field;
 use nalgebra::{Matrix3, Vector3};
 
 use super::super::parameter_fit::ParameterFit;
-use super::super::result::{ReplayOptions, RowSelection};
+use super::super::result::EarthFieldPrior;
 use super::*;
 use crate::log::LogFormat;
-use crate::replay::tests::{LEVEL_ROW_FIELD_UT, compass_of_flown_turns, export_inputs, export_of, level_row};
+use crate::replay::tests::{
+    LEVEL_ROW_FIELD_UT, compass_of_flown_turns, evaluation_of_compasses, export_inputs, export_of, level_row,
+};
 
 /// Verified parameters with a heading error and a loss by the symmetric matrix, degrees, of a compass with an error as
 /// logged.
@@ -155,11 +157,12 @@ fn choose(flight: &LoggedFlight, evaluation: &CompassEvaluation) -> Result<Expor
 
 fn choose_terms(
     flight: &LoggedFlight,
-    evaluation: &CompassEvaluation,
-    terms: CorrectedTerms,
+    compass: &CompassEvaluation,
+    corrected_terms: CorrectedTerms,
 ) -> Result<ExportedCorrection, NoParameters> {
-    let (reference, orientation) = (Some(&ReferenceHeading::Simulator), Err(FixedOrientation::NotLogged));
-    choose_parameters(flight, evaluation, reference, None, ParameterFormat::ArduPilot, orientation, terms)
+    let reference = Some(ReferenceHeading::Simulator);
+    let evaluation = FlightEvaluation { reference, corrected_terms, ..evaluation_of_compasses(Vec::new()) };
+    choose_parameters(flight, &evaluation, compass, ParameterFormat::ArduPilot, Err(FixedOrientation::NotLogged))
 }
 
 /// The errors of all choices are those of the files. Offsets alone leave the soft iron, and a strong field as it is, which the
@@ -202,7 +205,7 @@ fn a_sensor_turned_by_right_angles_is_fitted_in_its_mounting() {
         let mount = Orientation::from_name(name).unwrap();
         let sensor_from_body = mount.body_from_sensor().transpose().map(f64::from);
         let rows: Vec<ReplayRow> = evaluation.rows.iter().map(|row| row.in_rotated_axes(&sensor_from_body)).collect();
-        let fit = ParameterFit::new(&rows, None, &ReplayOptions::with_selection(RowSelection::All));
+        let fit = ParameterFit::new(&rows, None, &EarthFieldPrior::default());
         let fit = fit.fit.unwrap();
         assert_eq!(fit.mount, mount);
         let inputs = export_inputs(&rows, ParameterFormat::Inav);

@@ -104,7 +104,7 @@ fn check_correction(flight: &LoggedFlight, compass: &CompassEvaluation) -> Check
 
 /// Changes proportional to the field are the sensor's: iron is additive.
 fn check_constancy(compass: &CompassEvaluation) -> CheckOutcome {
-    compass.sensor_change.map_or(CheckOutcome::Passed, |change| CheckOutcome::Failed(change.to_string()))
+    compass.causes.sensor_change.map_or(CheckOutcome::Passed, |change| CheckOutcome::Failed(change.to_string()))
 }
 
 /// Axes of the attitude, by the messages that are logged.
@@ -134,8 +134,7 @@ fn check_unit(flight: &LoggedFlight, evaluation: &FlightEvaluation, compass: &Co
     let Some(found_ut) = compass.parameter_fit.strength_ut().or_else(|| logged_strength_ut(flight, compass)) else {
         return CheckOutcome::unchecked("the field did not turn");
     };
-    let model_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
-    let [least_ut, most_ut] = model_ut.map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
+    let [least_ut, most_ut] = evaluation.earth_total_ut().map_or(EARTH_FIELD_RANGE_UT, |ut| [ut; 2]);
     let is_in = |strength_ut: f64| (least_ut / MAX_RATIO..=most_ut * MAX_RATIO).contains(&strength_ut);
     if is_in(found_ut) {
         return CheckOutcome::Passed;
@@ -173,8 +172,7 @@ fn check_inclination(
         [down + row.down_in_body().dot(&field), total + field.norm()]
     });
     let found_deg = libm::asin((down / total).clamp(-1.0, 1.0)).to_degrees();
-    let by_model = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.inclination_deg));
-    let Some(model_deg) = evaluation.given_inclination_deg.or(by_model) else {
+    let Some(model_deg) = evaluation.given_inclination_deg.or(evaluation.earth_inclination_deg()) else {
         if is_north_known {
             return CheckOutcome::unchecked("the log has no place");
         }

@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
+use crate::numbers::{centred_products, mean};
 use crate::replay::evaluation::FlightEvaluation;
 use crate::replay::parameter_fit::is_determined;
 use crate::replay::replay_run::solve_all_rows;
@@ -56,8 +57,7 @@ pub(super) fn check_sense(
     let [by_logged_rates, fractions] = [flight.logged_rate_signs, [1.0; 3]].map(turn_fractions);
     let agrees = |fractions: &[Option<f64>]| !fractions.iter().copied().any(is_reversed);
     if !agrees(&fractions) && !agrees(&by_logged_rates) {
-        let inclination_deg = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.inclination_deg));
-        return CheckOutcome::Failed(cause_of_wrong_sense(rows, fractions, inclination_deg));
+        return CheckOutcome::Failed(cause_of_wrong_sense(rows, fractions, evaluation.earth_inclination_deg()));
     }
     if flight.has_measured_rates
         && agrees(&by_logged_rates)
@@ -304,7 +304,7 @@ fn tilt_fractions(rows: &[ReplayRow], angle_signs: [f32; 2], rate_signs: [f32; 3
         let (from, to) = (tilt(&rows[first]), tilt(&rows[last]));
         let change_rad = [wrap_pi(to.roll_rad - from.roll_rad), to.pitch_rad - from.pitch_rad];
         for angle in 0..2 {
-            let mean = by_rates.iter().map(|rates| rates[angle]).sum::<f64>() / by_rates.len() as f64;
+            let mean = mean(by_rates.iter().map(|rates| rates[angle]));
             changes[angle].push([mean, f64::from(change_rad[angle]) / (rows[last].t_s - rows[first].t_s)]);
         }
     }
@@ -326,14 +326,9 @@ fn tilt_rates_rad_s(tilt: RollPitch, body_rates: Vector3<f64>) -> [f64; 2] {
 
 /// Slope of the pairs' second numbers by the first ones, if its standard deviation is at most [`MAX_FRACTION_SIGMA`].
 fn slope_if_certain(pairs: &[[f64; 2]]) -> Option<f64> {
-    let count = pairs.len() as f64;
-    let mean = [0, 1].map(|i| pairs.iter().map(|pair| pair[i]).sum::<f64>() / count);
-    let [xx, xy, yy] = pairs.iter().fold([0.0; 3], |[xx, xy, yy], pair| {
-        let [x, y] = [pair[0] - mean[0], pair[1] - mean[1]];
-        [xx + x * x, xy + x * y, yy + y * y]
-    });
+    let [xx, xy, yy] = centred_products(pairs.iter().copied());
     let slope = xy / xx;
-    let variance = (yy - slope * xy).max(0.0) / count * OVERLAPPING_TURNS / xx;
+    let variance = (yy - slope * xy).max(0.0) / pairs.len() as f64 * OVERLAPPING_TURNS / xx;
     (pairs.len() > MIN_TURN_COUNT && variance.sqrt() < MAX_FRACTION_SIGMA).then_some(slope)
 }
 

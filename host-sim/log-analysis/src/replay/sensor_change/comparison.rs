@@ -227,8 +227,12 @@ impl Comparison {
             && evidence(Hypothesis::HardIron) > min_against_iron
             && self.is_fitted(&best.fit)
             && (best.hypothesis != Hypothesis::Registers || !self.is_iron_balanced());
-        let kind = kind_of(best.hypothesis, &self.factors(&best.fit)).filter(|_| is_evident)?;
-        Some(SensorChange { time_s, kind })
+        let factors = self.factors(&best.fit);
+        (is_evident && is_large(best.hypothesis, &factors)).then_some(SensorChange {
+            time_s,
+            hypothesis: best.hypothesis,
+            factors,
+        })
     }
 
     /// Whether a hypothesis explains most of the misfit, and fits both sides equally well.
@@ -255,23 +259,16 @@ fn is_balanced(rows: &[FitRow], fit: &ChangeFit) -> bool {
     })
 }
 
-/// The change by a hypothesis, unless too small or that of a stuck axis.
-pub(super) fn kind_of(hypothesis: Hypothesis, factors: &Vector3<f64>) -> Option<SensorChangeKind> {
-    let is_gain = factors.iter().all(|factor| (MAX_FACTOR.recip()..MAX_FACTOR).contains(&factor.abs()));
-    let exceeds = |factor: f64, least: f64| (factor - 1.0).abs() >= least;
-    let kind = match hypothesis {
-        Hypothesis::Gain => exceeds(factors.x, MIN_GAIN_CHANGE).then_some(SensorChangeKind::Gain { factor: factors.x }),
-        Hypothesis::AxisGain(axis) if (factors[axis] + 1.0).abs() < MAX_SIGN_DEVIATION => {
-            Some(SensorChangeKind::AxisSign { axis })
-        }
-        Hypothesis::AxisGain(axis) => exceeds(factors[axis], MIN_AXIS_GAIN_CHANGE)
-            .then_some(SensorChangeKind::AxisGain { axis, factor: factors[axis] }),
-        Hypothesis::Registers => {
-            factors.iter().any(|factor| exceeds(*factor, MIN_REGISTER_CHANGE)).then_some(SensorChangeKind::Registers)
-        }
-        Hypothesis::Unchanged | Hypothesis::HardIron => None,
+/// Whether factors of the readings are those of a changed sensor: neither too small, nor those of a stuck axis.
+pub(super) fn is_large(hypothesis: Hypothesis, factors: &Vector3<f64>) -> bool {
+    let min_change = match hypothesis {
+        Hypothesis::Gain => MIN_GAIN_CHANGE,
+        Hypothesis::AxisGain(_) => MIN_AXIS_GAIN_CHANGE,
+        Hypothesis::Registers => MIN_REGISTER_CHANGE,
+        Hypothesis::Unchanged | Hypothesis::HardIron => return false,
     };
-    kind.filter(|_| is_gain)
+    let is_gain = factors.iter().all(|factor| (MAX_FACTOR.recip()..MAX_FACTOR).contains(&factor.abs()));
+    is_gain && factors.add_scalar(-1.0).amax() >= min_change
 }
 
 /// Rows of the unchanged side, 0, or of the changed one, 1.
@@ -290,51 +287,32 @@ fn combined_scales(rows: &[FitRow], [unchanged, changed]: &[ChangeFit; 2]) -> Sc
     [first[0], first[1], second[2], second[3]]
 }
 
-/// A change of the sensor in flight.
+/// A change of the sensor in flight. Axes are body axes: those of the sensor, if it is mounted at right angles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorChange {
     /// Flight time of the change, seconds.
     pub time_s: f64,
     /// What changed.
-    pub kind: SensorChangeKind,
-}
-
-/// Changed property of a sensor. Axes are body axes: those of the sensor, if it is mounted at right angles.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SensorChangeKind {
-    /// Gain of all axes: readings after the change relative to those before it.
-    Gain {
-        /// Ratio of the readings.
-        factor: f64,
-    },
-    /// Sign of an axis, 0 to 2.
-    AxisSign {
-        /// Axis, 0 to 2.
-        axis: usize,
-    },
-    /// Gain of an axis.
-    AxisGain {
-        /// Axis, 0 to 2.
-        axis: usize,
-        /// Ratio of the readings.
-        factor: f64,
-    },
-    /// Gain per axis and offset, as by a reset of the registers.
-    Registers,
+    pub(super) hypothesis: Hypothesis,
+    /// Readings after the change relative to those before it, by axis.
+    pub(super) factors: Vector3<f64>,
 }
 
 impl fmt::Display for SensorChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = |axis: usize| ["x", "y", "z"][axis.min(2)];
-        match self.kind {
-            SensorChangeKind::Gain { factor } => write!(f, "the sensor's gain changed by a factor of {factor:.2}")?,
-            SensorChangeKind::AxisSign { axis } => write!(f, "the sign of the sensor's {} axis changed", name(axis))?,
-            SensorChangeKind::AxisGain { axis, factor } => {
+        match self.hypothesis {
+            Hypothesis::AxisGain(axis) if (self.factors[axis] + 1.0).abs() < MAX_SIGN_DEVIATION => {
+                write!(f, "the sign of the sensor's {} axis changed", name(axis))?;
+            }
+            Hypothesis::AxisGain(axis) => {
+                let factor = self.factors[axis];
                 write!(f, "the gain of the sensor's {} axis changed by a factor of {factor:.2}", name(axis))?;
             }
-            SensorChangeKind::Registers => {
+            Hypothesis::Registers => {
                 f.write_str("the sensor's gains and offset changed, as by a reset of its registers,")?;
             }
+            _ => write!(f, "the sensor's gain changed by a factor of {:.2}", self.factors.x)?,
         }
         write!(f, " at {:.0} s: that is the sensor, not iron; no parameters fit both", self.time_s)
     }

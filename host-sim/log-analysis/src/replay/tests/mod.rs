@@ -14,21 +14,17 @@ use super::evaluation::{CompassEvaluation, EvaluationOptions, FlightEvaluation, 
 use super::parameter_export::orientation::{ExportedOrientation, FixedOrientation};
 use super::parameter_export::{CorrectedTerms, ExportInputs, ExportedCorrection, ParameterFormat};
 use super::*;
-use crate::log::csv::FieldUnit;
-use crate::log::log_writers::{FlightRecording, encode_dataflash};
-use crate::log::time_series::Series;
 use crate::log::{self, FieldCorrection, LoggedFlight};
 use crate::numbers;
 use crate::replay::data_loss;
 use crate::replay::evaluation::CorrectionSource;
 use crate::replay::sensor_failure::sensor_failure;
-use crate::test_flight::{flight_of_motion, record_turns};
+use crate::test_flight::{flight_of_motion, logged_flight, record_turns};
 
 /// A calibrating flight of turns without field latency, with wrong offsets in the autopilot, and its evaluation.
 pub(crate) static FLOWN_TURNS: LazyLock<(LoggedFlight, FlightEvaluation)> = LazyLock::new(|| {
-    let parameters = ["X", "Y", "Z"].map(|axis| (format!("COMPASS_OFS_{axis}"), 100.0)).to_vec();
-    let recording = FlightRecording { parameters, ..record_turns(0.0) };
-    let flight = log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap();
+    let offsets = [("COMPASS_OFS_X", 100.0), ("COMPASS_OFS_Y", 100.0), ("COMPASS_OFS_Z", 100.0)];
+    let flight = logged_flight(&record_turns(0.0).with_parameters(&offsets));
     let options = EvaluationOptions {
         compared_module: Some(RowSelection::Flight),
         field_latency_s: Some(0.0),
@@ -99,14 +95,10 @@ pub(super) fn export_of(correction: FieldCorrection) -> ExportedCorrection {
 /// 100 s of measured rates at 10 Hz, of which one in `loss_stride` is lost, with an attitude at a rate in Hz.
 fn flight_with_lost_rates(loss_stride: usize, attitude_rate_hz: f64) -> LoggedFlight {
     let still = |_| ([0.0; 3], [0.0; 3]);
-    let mut rates = Series::new();
-    for (_, row) in
-        flight_of_motion(10.0, 1000, still).body_rates.rows().iter().enumerate().filter(|(i, _)| i % loss_stride != 1)
-    {
-        rates.push_row(row.t_s, row.row_values);
-    }
+    let mut body_rates = flight_of_motion(10.0, 1000, still).body_rates;
+    body_rates.retain_rows(|i, _| i % loss_stride != 1);
     let whole = flight_of_motion(attitude_rate_hz, (100.0 * attitude_rate_hz) as u16, still);
-    LoggedFlight { body_rates: rates, has_measured_rates: true, ..whole }
+    LoggedFlight { body_rates, has_measured_rates: true, ..whole }
 }
 
 /// Rates are differences of the attitude if they are not measured. Of a slow attitude, and of a tenth of lost rates,
@@ -138,7 +130,7 @@ fn flight_with_current() -> LoggedFlight {
         sample.field_ut[0][1] -= 0.2 * sample.current_a;
         sample.field_ut = vec![sample.field_ut[0]; 2];
     }
-    log::read_flight(&mut encode_dataflash(&recording).as_slice(), FieldUnit::Milligauss).unwrap()
+    logged_flight(&recording)
 }
 
 #[test]
@@ -186,11 +178,7 @@ fn a_field_ending_over_10_s_before_the_log_is_reported() {
     for (early_s, is_reported) in [(5.0, false), (15.0, true)] {
         let (mut flight, compass) = compass_of_flown_turns();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
-        let mut field = Series::new();
-        for reading in flight.compasses[0].field.rows().iter().filter(|reading| reading.t_s <= end_s - early_s) {
-            field.push_row(reading.t_s, reading.row_values);
-        }
-        flight.compasses[0].field = field;
+        flight.compasses[0].field.retain_rows(|_, reading| reading.t_s <= end_s - early_s);
         assert_eq!(sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
     }
 }
@@ -208,8 +196,8 @@ fn a_configured_inclination_is_used_by_the_solver_and_its_trial_solves() {
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         for (off_deg, is_accepted) in [(-12.0, false), (-2.0, true), (0.0, true), (2.0, true), (12.0, false)] {
             let inclination_deg = Some(flown_inclination_deg(&compass) + off_deg);
-            let options = ReplayOptions { inclination_deg, ..ReplayOptions::with_selection(selected) };
-            let result = replay_rows(&compass.rows, &options);
+            let prior = EarthFieldPrior { inclination_deg, place_and_day: None };
+            let result = replay_rows(&compass.rows, selected, &prior);
             assert_eq!(result.acceptance.is_ok(), is_accepted, "{selected:?} {off_deg}");
             let is_ended_by_module = selected == RowSelection::Flight && result.collection_end_s.is_some();
             assert_eq!(is_ended_by_module, selected == RowSelection::Flight && is_accepted, "{selected:?} {off_deg}");
@@ -235,10 +223,10 @@ fn a_contradicted_model_inclination_is_dropped() {
     let (_, compass) = compass_of_flown_turns();
     let found_deg = flown_inclination_deg(&compass);
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
-        let without_place = ReplayOptions::with_selection(selected);
-        let run_replay = |options: ReplayOptions| replay_rows(&compass.rows, &options);
+        let without_place = EarthFieldPrior::default();
+        let run_replay = |prior: EarthFieldPrior| replay_rows(&compass.rows, selected, &prior);
         let expected_deg = |replay_result: &ReplayResult| replay_result.solution.unwrap().quality.expected_rms_deg;
-        let [there, elsewhere] = [0.0, 12.0].map(|off_deg| ReplayOptions {
+        let [there, elsewhere] = [0.0, 12.0].map(|off_deg| EarthFieldPrior {
             place_and_day: Some(place_with_inclination(found_deg + off_deg)),
             ..without_place
         });
@@ -252,7 +240,7 @@ fn a_contradicted_model_inclination_is_dropped() {
             (Ok(()), without.collection_end_s, expected_deg(&without)),
             "{selected:?}"
         );
-        let by_person = run_replay(ReplayOptions { inclination_deg: Some(found_deg + 12.0), ..there });
+        let by_person = run_replay(EarthFieldPrior { inclination_deg: Some(found_deg + 12.0), ..there });
         assert!(by_person.acceptance.is_err(), "{selected:?}");
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::*;
 use crate::log::CustomRotation;
-use crate::numbers::square;
+use crate::numbers::{mean, rms};
 use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
 use crate::replay::parameter_export::{
     HeldBackScore, field_by_exported_parameters, format_parameter_file, may_compensate_current,
@@ -55,9 +55,8 @@ fn parameters_hold_at_attitudes_that_were_not_flown() {
             }
         }
     }
-    let mean_deg = errors_deg.iter().sum::<f64>() / errors_deg.len() as f64;
-    let squares = errors_deg.iter().map(|error| square(error - mean_deg)).sum::<f64>();
-    let rms_deg = (squares / errors_deg.len() as f64).sqrt();
+    let mean_deg = mean(errors_deg.iter().copied());
+    let rms_deg = rms(errors_deg.iter().map(|error| error - mean_deg));
     assert!(rms_deg < 2.5, "{rms_deg}: {}", export.correction.matrix);
     let matrix_difference =
         export.correction.matrix - correction_matrix * (export.correction.matrix.trace() / correction_matrix.trace());
@@ -91,17 +90,16 @@ fn export_of_compass(compass_number: u8) -> ExportedCorrection {
 
 /// Flight with three compasses, numbered as their slots.
 fn flight_with_parameters(format: ParameterFormat, parameters: &[(&str, f64)]) -> LoggedFlight {
-    let mut flight = LoggedFlight::new(log::LogFormat::DataFlash);
     let compass = |compass_number| {
         let index = compass_number - u8::from(format == ParameterFormat::Px4);
         let slot = log::CompassSlot::Known(index);
         log::LoggedCompass { compass_number, slot, ..Default::default() }
     };
-    flight.compasses = [1, 2, 3].map(compass).into();
-    for &(name, value) in parameters {
-        flight.parameters.set_value(0.0, name, value);
+    LoggedFlight {
+        compasses: [1, 2, 3].map(compass).into(),
+        parameters: log::ParameterHistory::of_values(parameters),
+        ..LoggedFlight::new(log::LogFormat::DataFlash)
     }
-    flight
 }
 
 fn parameter_lines(

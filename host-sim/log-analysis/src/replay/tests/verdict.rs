@@ -20,18 +20,16 @@ fn the_time_of_the_calibration_is_on_the_log_s_clock() {
 fn missing_parameters_are_reported() {
     let warnings_without = |names: &[&str]| {
         let (mut flight, compass) = compass_of_flown_turns();
-        flight.parameters = log::ParameterHistory::default();
-        for name in names {
-            flight.parameters.set_value(0.0, name, 1.0);
-        }
+        let values: Vec<(&str, f64)> = names.iter().map(|name| (*name, 1.0)).collect();
+        flight.parameters = log::ParameterHistory::of_values(&values);
         warnings_of_flight(&flight, &evaluation_of_compasses(vec![compass]))
             .into_iter()
             .filter(|note| note.contains("parameters"))
             .collect::<Vec<_>>()
     };
     assert_eq!(warnings_without(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
-    let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z";
-    assert_eq!(warnings_without(&["COMPASS_OFS_Y"]), [missing]);
+    let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z, COMPASS_DIA_Y";
+    assert_eq!(warnings_without(&["COMPASS_OFS_Y", "COMPASS_DIA_X", "COMPASS_DIA_Z"]), [missing]);
 }
 
 /// Three compasses of which the last is in use, and half of the usable rows without a heading that the module sends.

@@ -22,7 +22,7 @@ impl Verdict<'_> {
         if let Some(disagreement) = disagreement {
             add_fact("other compasses", disagreement.to_string());
         }
-        for LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.hard_iron_changes {
+        for LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.causes.hard_iron_changes {
             let [x, y, z] = step.step_ut;
             add_fact(
                 "iron changed",
@@ -35,7 +35,7 @@ impl Verdict<'_> {
                 ),
             );
         }
-        for load in &compass.bending_loads {
+        for load in &compass.causes.bending_loads {
             add_fact("what bends it", load.to_string());
         }
         match parameters {

@@ -48,8 +48,6 @@ impl<'a> Verdict<'a> {
     /// Verdict on an evaluated log; `format` is that of the parameters.
     #[must_use]
     pub fn new(flight: &'a LoggedFlight, evaluation: &'a FlightEvaluation, format: ParameterFormat) -> Self {
-        let total_ut = evaluation.earth_field.as_ref().map(|(earth, _)| f64::from(earth.total_ut));
-        let reference = evaluation.reference.as_ref();
         let mut used_rotations = Vec::new();
         let compass = |compass: &'a CompassEvaluation| {
             let reading_checks = check_reading(flight, evaluation, compass);
@@ -58,8 +56,7 @@ impl<'a> Verdict<'a> {
                 unconfirmed => {
                     let orientation =
                         provable_orientation(flight, evaluation, compass, format, &reading_checks, &used_rotations);
-                    let terms = evaluation.corrected_terms;
-                    let chosen = choose_parameters(flight, compass, reference, total_ut, format, orientation, terms);
+                    let chosen = choose_parameters(flight, evaluation, compass, format, orientation);
                     chosen.and_then(|exported| {
                         unconfirmed.map_or(Ok(exported), |check| Err(NoParameters::UnprovenReading(check.clone())))
                     })

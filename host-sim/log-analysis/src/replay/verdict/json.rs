@@ -94,13 +94,13 @@ impl CompassVerdict<'_> {
                 "by": correction_source.source_name(),
                 "against_reference": score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
-            "changes": compass.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
+            "changes": compass.causes.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
                 "at_s": round_to(step.time_s, 1),
                 "ut": step.step_ut.map(|axis| round_to(axis, 2)),
                 "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
                 "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
-            "bent_by": compass.bending_loads.iter().map(|load| json!({
+            "bent_by": compass.causes.bending_loads.iter().map(|load| json!({
                 "code": load.cause.stable_code(),
                 "words": load.to_string(),
                 "numbers": load.cause.source_numbers(),

@@ -189,10 +189,11 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
             event_name: if module.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
                 .to_owned(),
         });
-    let changed = compass.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, .. }| EventMark {
-        time_s: step.time_s,
-        event_name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
-    });
+    let changed =
+        compass.causes.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, .. }| EventMark {
+            time_s: step.time_s,
+            event_name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
+        });
     calibrated.into_iter().chain(changed).collect()
 }
 

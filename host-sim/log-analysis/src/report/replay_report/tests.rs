@@ -43,7 +43,8 @@ fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         let at_s = compass.rows[0].t_s + 50.0;
         module_mut(compass).collection_end_s = Some(90.0);
         let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
-        compass.hard_iron_changes = vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
+        compass.causes.hard_iron_changes =
+            vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
     });
     let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
     // Times are on the log's clock.

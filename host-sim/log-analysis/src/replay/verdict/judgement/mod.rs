@@ -112,7 +112,7 @@ impl CompassJudgement {
     ) -> Self {
         let logged_accuracy = accuracy.as_ref().ok().copied();
         let bending_load =
-            compass.bending_loads.iter().max_by(|a, b| a.heading_effect_deg.total_cmp(&b.heading_effect_deg));
+            compass.causes.bending_loads.iter().max_by(|a, b| a.heading_effect_deg.total_cmp(&b.heading_effect_deg));
         let bending_load = bending_load.filter(|load| failure.is_none() && load.heading_effect_deg > MIN_BENDING_DEG);
         let is_wrong = failure.is_some()
             || matches!(parameters, Err(NoParameters::UnprovenReading(check)) if has_changed(check))
@@ -129,8 +129,8 @@ impl CompassJudgement {
                 action => action,
             },
         };
-        let changed = compass.hard_iron_changes.last().map(|change| JudgementReason::HardIronChanged {
-            temporary_from_s: temporary_change_start_s(&compass.hard_iron_changes),
+        let changed = compass.causes.hard_iron_changes.last().map(|change| JudgementReason::HardIronChanged {
+            temporary_from_s: temporary_change_start_s(&compass.causes.hard_iron_changes),
             change: *change,
         });
         let is_unjudged = accuracy.is_err();
@@ -182,7 +182,7 @@ fn compass_state(
     is_wrong: bool,
     parameters: &Result<ExportedCorrection, NoParameters>,
 ) -> CompassState {
-    let effects_deg = compass.hard_iron_changes.iter().map(|change| change.heading_effect_deg);
+    let effects_deg = compass.causes.hard_iron_changes.iter().map(|change| change.heading_effect_deg);
     let largest_effect_deg = effects_deg.reduce(f64::max);
     let is_over = |limit_deg: f64| {
         accuracy.is_some_and(|accuracy| accuracy.rms_deg > limit_deg)

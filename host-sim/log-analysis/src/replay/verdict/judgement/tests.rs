@@ -1,6 +1,7 @@
 use super::*;
 use crate::log::FieldCorrection;
 use crate::replay::bending_load::BendingCause;
+use crate::replay::evaluation::FieldCauses;
 use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::logged_accuracy::AccuracyEvidence;
@@ -54,28 +55,23 @@ fn exported(rms_deg: f64, is_estimate: bool) -> ExportedCorrection {
 
 const NO_GAIN: Result<ExportedCorrection, NoParameters> = Err(NoParameters::NoGain(HELD_BACK));
 
-/// Judges a compass with this error as logged, and a change of hard iron with this effect on headings.
+/// Judges a compass with this error as logged.
 fn judge(
     accuracy: Result<f64, UnknownError>,
-    effect_deg: Option<f64>,
+    causes: FieldCauses,
     parameters: &Result<ExportedCorrection, NoParameters>,
     failure: Option<SensorFailure>,
 ) -> CompassJudgement {
-    let (_, mut compass) = compass_of_flown_turns();
+    let compass = CompassEvaluation { causes, ..compass_of_flown_turns().1 };
+    let by_rates = |rms_deg| LoggedAccuracy { rms_deg, sector_count: 7, evidence: AccuracyEvidence::BodyRates };
+    CompassJudgement::new(&compass, accuracy.map(by_rates), failure, parameters)
+}
+
+/// A change of hard iron with this effect on headings.
+fn changed_iron(effect_deg: Option<f64>) -> FieldCauses {
     let hard_iron_step = HardIronStep { time_s: 60.0, step_ut: [0.0, 4.0, 0.0], sigma_ut: [0.1; 3] };
     let change = effect_deg.map(|heading_effect_deg| LoggedHardIronChange { hard_iron_step, heading_effect_deg });
-    compass.hard_iron_changes = change.into_iter().collect();
-    CompassJudgement::new(&compass, accuracy.map(accuracy_by_rates), failure, parameters)
-}
-
-fn judge_bent(accuracy: Result<f64, UnknownError>, bending_loads: Vec<BendingLoad>) -> CompassJudgement {
-    let (_, compass) = compass_of_flown_turns();
-    let compass = CompassEvaluation { bending_loads, ..compass };
-    CompassJudgement::new(&compass, accuracy.map(accuracy_by_rates), None, &NO_GAIN)
-}
-
-fn accuracy_by_rates(rms_deg: f64) -> LoggedAccuracy {
-    LoggedAccuracy { rms_deg, sector_count: 7, evidence: AccuracyEvidence::BodyRates }
+    FieldCauses { hard_iron_changes: change.into_iter().collect(), ..FieldCauses::default() }
 }
 
 #[test]
@@ -87,10 +83,10 @@ fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
         (1.9, Some(1.5), CompassState::Fair, &["iron-changed", "good-as-logged", "no-gain"]),
         (1.9, Some(6.0), CompassState::Bad, &["iron-changed", "good-as-logged", "no-gain"]),
     ] {
-        let judgement = judge(Ok(rms_deg), effect_deg, &NO_GAIN, None);
+        let judgement = judge(Ok(rms_deg), changed_iron(effect_deg), &NO_GAIN, None);
         assert_eq!((judgement.compass_state, judgement.reason_codes().as_slice()), (compass_state, reason_codes));
     }
-    let failed = judge(Ok(1.0), None, &Ok(exported(1.0, false)), Some(SensorFailure::NoReadings));
+    let failed = judge(Ok(1.0), FieldCauses::default(), &Ok(exported(1.0, false)), Some(SensorFailure::NoReadings));
     assert_eq!((failed.compass_state, failed.recommended_action), (CompassState::Bad, CompassAction::Replace));
     assert_eq!(failed.reason_codes(), ["sensor-failed", "good-as-logged"]);
 }
@@ -100,12 +96,13 @@ fn the_state_follows_from_the_error_and_from_changes_of_hard_iron() {
 fn a_load_that_bends_headings_is_named_and_moved() {
     let cause = BendingCause::Periodic(2.0);
     let load = BendingLoad { cause, size_ut: 4.0, heading_effect_deg: 12.0, sigmas: 9.0 };
+    let causes = FieldCauses { bending_loads: vec![load], ..FieldCauses::default() };
     for (accuracy, state, reason_codes) in [
         (Err(UnknownError::FewHeadings(1)), CompassState::Bad, ["bent-by-load"].as_slice()),
         (Ok(6.0), CompassState::Bad, &["bent-by-load", "error-as-logged", "no-gain"]),
         (Ok(1.0), CompassState::Good, &["good-as-logged", "no-gain"]),
     ] {
-        let judgement = judge_bent(accuracy, vec![load.clone()]);
+        let judgement = judge(accuracy, causes.clone(), &NO_GAIN, None);
         assert_eq!((judgement.compass_state, judgement.reason_codes().as_slice()), (state, reason_codes));
         let action = if state == CompassState::Bad { CompassAction::Replace } else { CompassAction::LeaveUnchanged };
         assert_eq!(judgement.recommended_action, action);
@@ -144,9 +141,9 @@ fn a_judgement_is_a_sentence_of_its_reasons_and_action() {
             ),
         ),
     ] {
-        assert_eq!(judge(Ok(rms_deg), effect_deg, &parameters, None).to_string(), text);
+        assert_eq!(judge(Ok(rms_deg), changed_iron(effect_deg), &parameters, None).to_string(), text);
     }
-    let few_headings = judge(Err(UnknownError::FewHeadings(1)), None, &NO_GAIN, None);
+    let few_headings = judge(Err(UnknownError::FewHeadings(1)), FieldCauses::default(), &NO_GAIN, None);
     assert_eq!(
         few_headings.to_string(),
         "cannot be judged: it was flown on 1 of 12 headings: turn all the way round: fly again"
