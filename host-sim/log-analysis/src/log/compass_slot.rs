@@ -15,21 +15,15 @@ pub(crate) const ARDUPILOT_SLOTS: std::ops::RangeInclusive<u8> = 1..=3;
 /// Largest difference between logged offsets, which are truncated to whole milligauss, and their parameters.
 pub(super) const MAX_OFFSET_ROUNDING_MG: f64 = 1.5;
 
-/// Slot of a compass in the names of its calibration parameters. `Known`: corrections are undone and parameters written
-/// by it. `Unknown`: the raw field is the logged one, and no parameters are written; see [`Self::is_contradictory`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CompassSlot {
-    /// ArduPilot: 1 to 3, `COMPASS_OFS_X` has 1; PX4: n of `CAL_MAGn`; tables: the number of the compass.
-    Known(u8),
-    /// The log does not determine the slot.
-    Unknown(UnknownSlot),
-}
+/// Slot of a compass in the names of its calibration parameters, by which corrections are undone and parameters written.
+/// ArduPilot: 1 to 3, `COMPASS_OFS_X` has 1; PX4: n of `CAL_MAGn`; tables: the number of the compass. Of an unknown slot
+/// the raw field is the logged one, and no parameters are written.
+pub type CompassSlot = Result<u8, UnknownSlot>;
 
 /// Reason why a slot is unknown.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnknownSlot {
     /// The log has no calibration parameters.
-    #[default]
     NoParameters,
     /// The device id of a priority is not logged, or zero. The priority.
     NoPriorityId(u8),
@@ -52,13 +46,12 @@ pub enum UnknownSlot {
     NotInTables,
 }
 
-impl Default for CompassSlot {
-    fn default() -> Self {
-        Self::Unknown(UnknownSlot::default())
-    }
-}
-
 impl UnknownSlot {
+    /// Whether the log contradicts itself about the slot; an unknown slot otherwise cannot be checked.
+    pub const fn is_contradictory(self) -> bool {
+        matches!(self, Self::OffsetsContradict { .. })
+    }
+
     /// What to do for a file of parameters.
     pub const fn remedy(self) -> &'static str {
         match self {
@@ -78,21 +71,6 @@ impl UnknownSlot {
                  the log of the next flight."
             }
         }
-    }
-}
-
-impl CompassSlot {
-    /// Index in the names of the parameters, if known.
-    pub const fn index(self) -> Option<u8> {
-        match self {
-            Self::Known(index) => Some(index),
-            Self::Unknown(_) => None,
-        }
-    }
-
-    /// Whether the log contradicts itself about the slot; an unknown slot otherwise cannot be checked.
-    pub const fn is_contradictory(self) -> bool {
-        matches!(self, Self::Unknown(UnknownSlot::OffsetsContradict { .. }))
     }
 }
 
@@ -145,10 +123,7 @@ pub(super) struct ArdupilotSlots<'a> {
 impl ArdupilotSlots<'_> {
     /// Slot of a compass by number, with the first offsets of its rows: time, seconds, and milligauss.
     pub fn slot(&self, compass_number: u8, first_offsets: Option<(f64, [f32; 3])>) -> CompassSlot {
-        let index = match self.assigned_slot(compass_number) {
-            Ok(assigned) => assigned,
-            Err(reason) => return CompassSlot::Unknown(reason),
-        };
+        let index = self.assigned_slot(compass_number)?;
         // Offsets of zero identify no slot.
         let has_offsets = |(_, offsets_mg): &(f64, [f32; 3])| {
             offsets_mg.iter().any(|axis| f64::from(axis.abs()) > MAX_OFFSET_ROUNDING_MG)
@@ -157,23 +132,21 @@ impl ArdupilotSlots<'_> {
             .filter(has_offsets)
             .map_or_else(Vec::new, |(t_s, offsets_mg)| self.slots_with(t_s, offsets_mg));
         match *matching {
-            [found, ..] if !matching.contains(&index) => {
-                CompassSlot::Unknown(UnknownSlot::OffsetsContradict { expected: index, found })
-            }
-            _ => CompassSlot::Known(index),
+            [found, ..] if !matching.contains(&index) => Err(UnknownSlot::OffsetsContradict { expected: index, found }),
+            _ => Ok(index),
         }
     }
 
     /// Device id of a compass: that of its slot, else that of its priority.
     pub fn device_id(&self, compass_number: u8, slot: CompassSlot) -> Option<DeviceId> {
-        let value = match slot.index() {
-            Some(index) => self.device_id_value(index),
-            None => self.parameters.last_value(&format!("COMPASS_PRIO{compass_number}_ID")),
+        let value = match slot {
+            Ok(index) => self.device_id_value(index),
+            Err(_) => self.parameters.last_value(&format!("COMPASS_PRIO{compass_number}_ID")),
         };
         DeviceId::from_parameter(value?)
     }
 
-    fn assigned_slot(&self, compass_number: u8) -> Result<u8, UnknownSlot> {
+    fn assigned_slot(&self, compass_number: u8) -> CompassSlot {
         let index = if !self.parameters.has_prefix("COMPASS_") {
             return Err(UnknownSlot::NoParameters);
         } else if self.parameters.has_prefix("COMPASS_PRIO") {
@@ -186,7 +159,7 @@ impl ArdupilotSlots<'_> {
         index.ok_or(UnknownSlot::SeveralCompasses)
     }
 
-    fn slot_of_priority(&self, priority: u8) -> Result<u8, UnknownSlot> {
+    fn slot_of_priority(&self, priority: u8) -> CompassSlot {
         let id = self.parameters.last_value(&format!("COMPASS_PRIO{priority}_ID")).filter(|id| *id != 0.0);
         let id = id.ok_or(UnknownSlot::NoPriorityId(priority))?;
         let mut slots = ARDUPILOT_SLOTS.filter(|slot| self.device_id_value(*slot) == Some(id));
@@ -329,14 +302,14 @@ mod tests {
         let parameters = ParameterHistory::of_values(&[&IDS[..], &OFFSETS].concat());
         let slots = slots(&parameters);
         let slot_with_x = |x_mg: f32| slots.slot(1, Some((1.0, [x_mg, 0.0, 0.0])));
-        assert_eq!(slots.slot(1, None), CompassSlot::Known(2));
-        assert_eq!(slot_with_x(-50.0), CompassSlot::Known(2));
+        assert_eq!(slots.slot(1, None), Ok(2));
+        assert_eq!(slot_with_x(-50.0), Ok(2));
         // Offsets learnt in flight are those of no slot.
-        assert_eq!(slot_with_x(-30.0), CompassSlot::Known(2));
+        assert_eq!(slot_with_x(-30.0), Ok(2));
         let contradictory = slot_with_x(100.0);
-        assert!(contradictory.is_contradictory() && contradictory.index().is_none(), "{contradictory:?}");
-        assert_eq!(slots.device_id(1, contradictory), slots.device_id(1, CompassSlot::Known(2)));
-        assert_eq!(slots.slot(2, Some((1.0, [100.0, 0.0, 0.0]))), CompassSlot::Known(1));
+        assert!(contradictory.is_err_and(UnknownSlot::is_contradictory), "{contradictory:?}");
+        assert_eq!(slots.device_id(1, contradictory), slots.device_id(1, Ok(2)));
+        assert_eq!(slots.slot(2, Some((1.0, [100.0, 0.0, 0.0]))), Ok(1));
     }
 
     #[test]
@@ -348,7 +321,7 @@ mod tests {
         ] {
             let mut parameters = ParameterHistory::of_values(&[&IDS[..], &OFFSETS].concat());
             parameters.replace_value(changed, value);
-            assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), CompassSlot::Unknown(reason));
+            assert_eq!(slots(&parameters).slot(1, Some((1.0, [-50.0, 0.0, 0.0]))), Err(reason));
         }
     }
 
@@ -362,16 +335,16 @@ mod tests {
             ArdupilotSlots { parameters: &parameters, has_all_parameters: false, firmware_name, compass_count }
                 .slot(1, None)
         };
-        let several = CompassSlot::Unknown(UnknownSlot::SeveralCompasses);
-        assert_eq!(of_link(&offsets, None, 1), CompassSlot::Known(1));
-        assert_eq!(of_link(&[("COMPASS_DEV_ID2", 7.0)], None, 1), CompassSlot::Known(2));
+        let several = Err(UnknownSlot::SeveralCompasses);
+        assert_eq!(of_link(&offsets, None, 1), Ok(1));
+        assert_eq!(of_link(&[("COMPASS_DEV_ID2", 7.0)], None, 1), Ok(2));
         assert_eq!(of_link(&IDS[..2], None, 1), several);
-        assert_eq!(of_link(&[], None, 1), CompassSlot::default());
+        assert_eq!(of_link(&[], None, 1), Err(UnknownSlot::NoParameters));
         for (firmware_name, slot) in [
             (None, several),
             (Some("ArduCopter V4.1.0"), several),
-            (Some("ArduPlane V4.0.9 (ab)"), CompassSlot::Known(1)),
-            (Some("APM:Copter V3.3-dev (9f)"), CompassSlot::Known(1)),
+            (Some("ArduPlane V4.0.9 (ab)"), Ok(1)),
+            (Some("APM:Copter V3.3-dev (9f)"), Ok(1)),
         ] {
             assert_eq!(of_link(&offsets, firmware_name, 2), slot, "{firmware_name:?}");
         }

@@ -8,7 +8,7 @@ use autoswing::earth::{Date, EarthField, Position};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::compass_slot::{CompassSlot, DeviceId, ardupilot_vector, external_parameter, firmware_version};
+use super::compass_slot::{CompassSlot, DeviceId, UnknownSlot, ardupilot_vector, external_parameter, firmware_version};
 use super::correction::FieldCorrection;
 use super::correction_residual::CorrectionResidual;
 use super::load::LoadSource;
@@ -91,7 +91,7 @@ pub enum AttitudeView {
 }
 
 /// A compass of the aircraft.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct LoggedCompass {
     /// The autopilot's number of the compass in its messages, from 1; ArduPilot's priority.
     pub compass_number: u8,
@@ -107,6 +107,22 @@ pub struct LoggedCompass {
     pub correction_residual: Option<CorrectionResidual>,
     /// Whether the autopilot uses it for its heading, if known.
     pub is_used_for_heading: Option<bool>,
+}
+
+#[cfg(test)]
+impl LoggedCompass {
+    /// A compass without readings.
+    pub(crate) const fn without_readings(compass_number: u8, slot: CompassSlot) -> Self {
+        Self {
+            compass_number,
+            slot,
+            device_id: None,
+            field: Series::new(),
+            correction: None,
+            correction_residual: None,
+            is_used_for_heading: None,
+        }
+    }
 }
 
 /// Row of [`LoggedFlight::gps`].
@@ -257,7 +273,7 @@ impl LoggedFlight {
             .iter_mut()
             .filter(|compass| compass_number.is_none_or(|compass_number| compass_number == compass.compass_number))
         {
-            let slot = compass.slot.index().ok_or(compass.compass_number)?;
+            let slot = compass.slot.map_err(|_| compass.compass_number)?;
             let turn = |t_s: f64| {
                 let logged = logged_mounting(parameters, is_px4, t_s, slot)?;
                 Some(body_from_sensor * logged.transpose())
@@ -290,25 +306,24 @@ impl LoggedFlight {
         self.compasses.iter().find(|compass| compass.compass_number == compass_number)
     }
 
-    /// Index of a compass in the names of its parameters, if known.
-    #[must_use]
-    pub fn slot_index(&self, compass_number: u8) -> Option<u8> {
-        self.compass(compass_number)?.slot.index()
+    /// Slot of a compass in the names of its parameters.
+    pub(crate) fn slot(&self, compass_number: u8) -> CompassSlot {
+        self.compass(compass_number).map_or(Err(UnknownSlot::NoParameters), |compass| compass.slot)
     }
 
     /// Where the sensor of a compass is, its chip and its bus, as far as the log has them: `external RM3100, I2C bus 0`.
     #[must_use]
     pub fn sensor_description(&self, compass_number: u8) -> String {
-        let compass = self.compass(compass_number);
         let is_px4 = self.autopilot == AutopilotKind::Px4;
-        let place = compass.and_then(|compass| compass.slot.index()).and_then(|slot| {
+        let place = self.slot(compass_number).ok().and_then(|slot| {
             // PX4: -1 is a sensor on the board, other numbers are orientations of an external one.
             let (name, least_external) =
                 if is_px4 { (orientation_parameter(true, slot), 0.0) } else { (external_parameter(slot), 1.0) };
             let value = self.parameters.last_value(&name)?;
             Some(if value >= least_external { "external" } else { "internal" }.to_owned())
         });
-        let device = compass.and_then(|compass| compass.device_id).map(|id| id.chip_and_bus(is_px4));
+        let device =
+            self.compass(compass_number).and_then(|compass| compass.device_id).map(|id| id.chip_and_bus(is_px4));
         place.into_iter().chain(device).collect::<Vec<_>>().join(" ")
     }
 
@@ -377,14 +392,14 @@ pub fn mounting_parameter_changes(flight: &LoggedFlight, compass_number: u8) -> 
         AutopilotKind::Px4 => true,
         AutopilotKind::Inav | AutopilotKind::Unknown => return Vec::new(),
     };
-    let names = mounting_parameters(&flight.parameters, is_px4, flight.slot_index(compass_number));
+    let names = mounting_parameters(&flight.parameters, is_px4, flight.slot(compass_number).ok());
     let changed = |name: String| flight.parameters.last_change_s(&name).map(|at_s| (name, at_s));
     names.into_iter().filter_map(changed).collect()
 }
 
 /// ArduPilot's calibration parameters of a compass that are missing although another of the same x, y, z triple is present.
 pub fn missing_ardupilot_parameters(flight: &LoggedFlight, compass_number: u8) -> Vec<String> {
-    let slot = flight.slot_index(compass_number).filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
+    let slot = flight.slot(compass_number).ok().filter(|_| flight.autopilot == AutopilotKind::ArduPilot);
     let mut missing = Vec::new();
     for vector in slot.into_iter().flat_map(|slot| ["OFS", "DIA", "ODI"].map(|part| ardupilot_vector(part, slot))) {
         let (known, unknown): (Vec<_>, Vec<_>) =

@@ -236,7 +236,7 @@ impl FlightBuilder {
             offsets.sort_and_dedup();
             let (slot, device_id) =
                 slot_and_device_id(flight, compass_number, field_processing, compass_count, offsets.rows());
-            if let Some(index) = slot.index().filter(|_| field_processing == FieldProcessing::ArduPilot) {
+            if let Some(index) = slot.ok().filter(|_| field_processing == FieldProcessing::ArduPilot) {
                 update_offset_parameters(&mut flight.parameters, index, offsets.rows());
             }
             let (correction, field) = undo_correction(flight, slot, field_processing, field);
@@ -396,10 +396,10 @@ fn slot_and_device_id(
         }
         FieldProcessing::Px4(index) | FieldProcessing::Px4SensorRaw(index) => {
             let id = flight.parameters.last_value(&format!("CAL_MAG{index}_ID")).and_then(DeviceId::from_parameter);
-            (CompassSlot::Known(index), id)
+            (Ok(index), id)
         }
-        FieldProcessing::BodyRaw => (CompassSlot::Known(compass_number), None),
-        FieldProcessing::Unknown(reason) => (CompassSlot::Unknown(reason), None),
+        FieldProcessing::BodyRaw => (Ok(compass_number), None),
+        FieldProcessing::Unknown(reason) => (Err(reason), None),
     }
 }
 
@@ -426,7 +426,7 @@ fn undo_correction(
     mut field: Series<6>,
 ) -> (Option<FieldCorrection>, Series<6>) {
     let parameters = &flight.parameters;
-    let (Some(slot), true) = (slot.index(), field_processing.is_corrected()) else {
+    let (Some(slot), true) = (slot.ok(), field_processing.is_corrected()) else {
         for row in field.rows_mut() {
             let [x, y, z, ..] = row.row_values;
             row.row_values = [x, y, z, x, y, z];
@@ -481,7 +481,7 @@ fn is_used_for_heading(flight: &LoggedFlight, compass_number: u8, slot: CompassS
             value(format!("COMPASS_USE{}", ardupilot_index(compass_number))).map(|used| used != 0.0)
         }
         AutopilotKind::Px4 => {
-            let priority = value(format!("CAL_MAG{}_PRIO", slot.index()?));
+            let priority = value(format!("CAL_MAG{}_PRIO", slot.ok()?));
             priority.filter(|priority| *priority == 0.0).map(|_| false)
         }
         AutopilotKind::Inav | AutopilotKind::Unknown => None,

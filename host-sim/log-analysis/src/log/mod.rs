@@ -58,9 +58,7 @@ use zip::BoundedContent;
 
 #[cfg(test)]
 pub(crate) use compass_slot::UnknownSlot;
-pub(crate) use compass_slot::{
-    ARDUPILOT_SLOTS, CompassSlot, DeviceId, ardupilot_index, ardupilot_vector, external_parameter,
-};
+pub(crate) use compass_slot::{ARDUPILOT_SLOTS, DeviceId, ardupilot_index, ardupilot_vector, external_parameter};
 pub use correction::FieldCorrection;
 pub(crate) use correction::symmetric_matrix;
 pub(crate) use correction_residual::CorrectionResidual;

@@ -3,7 +3,7 @@
 use super::parameter_export::ParameterFormat;
 use super::reading_checks::{CheckedMeaning, forbidding_check};
 use super::verdict::{CompassAction, Verdict};
-use crate::log::{CompassSlot, LogFormat};
+use crate::log::LogFormat;
 
 /// Interval of attitudes above which telemetry is too slow where the autopilot's own log is faster, seconds.
 const SLOW_TELEMETRY_S: f64 = 0.2;
@@ -40,11 +40,8 @@ impl Verdict<'_> {
     fn remedy_of_reading(&self) -> &'static str {
         let compass = self.compasses_in_use_first().first().copied();
         let forbidding = compass.and_then(|compass| forbidding_check(&compass.reading_checks));
-        let logged = compass.and_then(|compass| self.flight.compass(compass.evaluation.compass_number));
-        match logged.map(|logged| logged.slot) {
-            Some(CompassSlot::Unknown(reason))
-                if forbidding.is_some_and(|check| check.meaning == CheckedMeaning::Slot) =>
-            {
+        match compass.map(|compass| self.flight.slot(compass.evaluation.compass_number)) {
+            Some(Err(reason)) if forbidding.is_some_and(|check| check.meaning == CheckedMeaning::Slot) => {
                 reason.remedy()
             }
             _ => "Correct what the verdict names, in the log's setup or in the table, and judge the log again.",
@@ -128,7 +125,7 @@ mod tests {
     fn without_parameters_another_log_is_asked_for() {
         let (mut flight, evaluation) = FLOWN_TURNS.clone();
         for (reason, remedy) in [(UnknownSlot::NotInTables, "Judge the .ulg"), (UnknownSlot::NoParameters, "SD card")] {
-            flight.compasses[0].slot = CompassSlot::Unknown(reason);
+            flight.compasses[0].slot = Err(reason);
             let steps = Verdict::new(&flight, &evaluation, ParameterFormat::Px4).next_steps();
             assert!(steps[0].contains(remedy) && steps.len() == 1, "{steps:?}");
         }

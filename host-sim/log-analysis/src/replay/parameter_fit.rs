@@ -5,7 +5,7 @@ use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::replay_run::solve_rows;
-use super::row_solve::solved_correction;
+use super::row_solve::{RunOutcome, solved_correction};
 use crate::log::FieldCorrection;
 use crate::replay::result::EarthFieldPrior;
 use crate::replay::row::ReplayRow;
@@ -91,8 +91,8 @@ impl CompassFit {
     }
 
     fn in_any_mount(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> Option<Self> {
-        let (mount, (solution, acceptance)) = solve_in_any_mount(rows, prior, mount);
-        Some(Self { solution: solution?, is_accepted: acceptance.is_ok(), mount, prior: *prior })
+        let (mount, outcome) = solve_in_any_mount(rows, prior, mount);
+        Some(Self { solution: outcome.solution?, is_accepted: outcome.acceptance.is_ok(), mount, prior: *prior })
     }
 
     /// Whether the fit estimates motor-current interference.
@@ -113,7 +113,7 @@ impl CompassFit {
             let with_unknowns =
                 |row: &ReplayRow| ReplayRow { current_a: row.current_a.filter(|_| self.has_motor_current()), ..*row };
             let half: Vec<ReplayRow> = rows_of_half.map(with_unknowns).collect();
-            solve_in_any_mount(&half, &self.prior, self.mount).1.0
+            solve_in_any_mount(&half, &self.prior, self.mount).1.solution
         };
         rayon::join(|| fit_half(0), || fit_half(1)).into()
     }
@@ -139,15 +139,11 @@ fn is_motor_significant(solution: &Solution) -> bool {
 
 /// Solves rows in a mounting, or in that which they contradict it with. Noise can imitate a mounting, which is then not
 /// accepted.
-fn solve_in_any_mount(
-    rows: &[ReplayRow],
-    prior: &EarthFieldPrior,
-    mount: Orientation,
-) -> (Orientation, (Option<Solution>, Result<(), Refusal>)) {
+fn solve_in_any_mount(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> (Orientation, RunOutcome) {
     let outcome = solve_rows(rows, prior, mount);
-    if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.1 {
+    if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.acceptance {
         let turned = solve_rows(rows, prior, found);
-        if turned.1.is_ok() {
+        if turned.acceptance.is_ok() {
             return (found, turned);
         }
     }

@@ -4,7 +4,6 @@ use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Orientation, Prior, Sample, Solution};
 use autoswing::collection::RetainedSamples;
 use autoswing::instrument::{Instrument, InstrumentConfig};
-use autoswing_module::messages::Refusal;
 
 use super::module_run::ModuleRun;
 use super::result::{EarthFieldPrior, HeadingRow, ReplayResult, RowSelection};
@@ -62,22 +61,16 @@ fn calibrate_module(
 
 /// Solves the usable rows, evenly thinned.
 pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
-    solve_rows(rows, &EarthFieldPrior::default(), Orientation::IDENTITY_ROTATION).0
+    solve_rows(rows, &EarthFieldPrior::default(), Orientation::IDENTITY_ROTATION).solution
 }
 
 /// Solves the usable rows of a sensor in a mounting, evenly thinned, and evaluates whether the module would accept the
 /// result. Where that fails, as in flights that are mostly straight, solves the samples that the module would retain of
 /// all of them.
-pub(super) fn solve_rows(
-    rows: &[ReplayRow],
-    prior: &EarthFieldPrior,
-    mount: Orientation,
-) -> (Option<Solution>, Result<(), Refusal>) {
+pub(super) fn solve_rows(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> RunOutcome {
     let config = instrument_config(rows);
     let (samples, prior) = (samples_of_usable_rows(rows, config), Prior { mount, ..solver_prior(prior, config) });
-    let outcome =
-        more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior));
-    (outcome.solution, outcome.acceptance)
+    more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior))
 }
 
 /// The outcome with the smaller expected error; the alternative is solved only if the first one is poor.

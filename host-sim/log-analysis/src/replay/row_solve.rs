@@ -2,7 +2,8 @@
 
 use autoswing::calibration::method_selection::{self, Procedure};
 use autoswing::calibration::{
-    Advice, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError, solve_samples,
+    Advice, Calibration, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError,
+    solve_samples,
 };
 use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY_PER_SIDE, LEVEL_ROLL_RAD, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
@@ -46,7 +47,11 @@ impl RunOutcome {
 }
 
 pub(crate) fn solved_correction(solution: &Solution) -> FieldCorrection {
-    let calibration = &solution.calibration;
+    calibrated_correction(&solution.calibration)
+}
+
+/// Correction by all coefficients of a calibration.
+pub(super) fn calibrated_correction(calibration: &Calibration) -> FieldCorrection {
     FieldCorrection {
         matrix: calibration.w_matrix().map(f64::from),
         hard_iron_ut: calibration.b_vector_ut().map(f64::from),

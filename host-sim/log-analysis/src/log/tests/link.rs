@@ -219,7 +219,7 @@ fn px4s_sensor_fields_are_used_only_if_their_parameters_are_known() {
     let autopilot = log_40_s_after_boot(MavAutopilot::MAV_AUTOPILOT_PX4);
     let both = read_bytes(&[started_px4_log(), ids.concat(), scaled.clone(), second.clone()].concat()).unwrap();
     let [primary] = &both.compasses[..] else { panic!("{:?}", both.compasses) };
-    assert_eq!(primary.slot, CompassSlot::Unknown(UnknownSlot::PrimaryLessBias));
+    assert_eq!(primary.slot, Err(UnknownSlot::PrimaryLessBias));
     assert_eq!((primary.correction, both.skipped_counts.unassigned_fields), (None, 2));
     let [row] = primary.field.rows() else { panic!("{primary:?}") };
     assert_eq!(raw_ut(row), logged_ut(row));
@@ -228,7 +228,7 @@ fn px4s_sensor_fields_are_used_only_if_their_parameters_are_known() {
     // The only calibration, of a sensor turned by 180 deg.
     let one = read_bytes(&[started_px4_log(), ids[1..].concat(), second].concat()).unwrap();
     let [compass] = &one.compasses[..] else { panic!("{:?}", one.compasses) };
-    assert_eq!(compass.slot, CompassSlot::Known(1));
+    assert_eq!(compass.slot, Ok(1));
     assert!((raw_ut(&compass.field.rows()[0]).y + 20.0).abs() < 1e-4, "{compass:?}");
 }
 

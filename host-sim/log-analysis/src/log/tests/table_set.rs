@@ -63,7 +63,7 @@ fn the_tables_of_ulog2csv_are_one_log() {
         let flight = flight.unwrap();
         names.push(name.to_owned());
         assert_eq!(flight.log_format, LogFormat::ULog);
-        assert_eq!(flight.compasses[0].slot, CompassSlot::Unknown(UnknownSlot::NotInTables));
+        assert_eq!(flight.compasses[0].slot, Err(UnknownSlot::NotInTables));
         for (row, sample) in flight.compasses[0].field.rows().iter().zip(&two_compass_recording(&[]).samples) {
             assert!((logged_ut(row) - Vector3::from(sample.field_ut[1])).norm() < 0.001);
         }

@@ -97,18 +97,17 @@ fn groups_of(flight: &LoggedFlight, family: &[LoadSource]) -> Vec<Vec<LoadSource
 
 /// Place of the motor of a load.
 fn place(flight: &LoggedFlight, source: LoadSource) -> Option<[f64; 2]> {
-    match source {
-        LoadSource::Motor(motor) => motor_place(flight, motor),
-        LoadSource::Output(output) => match output_role(flight, output) {
-            OutputRole::Motor(motor) => motor_place(flight, motor),
-            _ => None,
-        },
-        LoadSource::Esc(esc) => match output_role(flight, esc) {
-            OutputRole::Motor(motor) => motor_place(flight, motor),
-            _ => motor_place(flight, esc),
-        },
+    let motor_of_output = |output: u8| match output_role(flight, output) {
+        OutputRole::Motor(motor) => Some(motor),
+        _ => None,
+    };
+    let motor = match source {
+        LoadSource::Motor(motor) => Some(motor),
+        LoadSource::Output(output) => motor_of_output(output),
+        LoadSource::Esc(esc) => motor_of_output(esc).or(Some(esc)),
         LoadSource::Battery(_) | LoadSource::Throttle => None,
-    }
+    };
+    motor_place(flight, motor?)
 }
 
 /// Name of loads of one kind: `right motors (outputs 1 and 4)`.

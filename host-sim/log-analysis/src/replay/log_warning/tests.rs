@@ -101,7 +101,12 @@ type EvaluationChange = fn(&mut LoggedFlight, &mut FlightEvaluation);
 #[test]
 fn a_fault_of_a_compass_gives_its_own_warning_only() {
     let gives_no_heading = "GPS course gives no heading here: a copter's nose";
-    let cases: [(EvaluationChange, &str); 13] = [
+    let cases: [(EvaluationChange, &str); 15] = [
+        (|flight, _| flight.parameters.set_value(0.0, "COMPASS_OFS2_X", 1.0), ""),
+        (
+            |flight, _| flight.parameters = ParameterHistory::of_values(&INCOMPLETE_PARAMETERS),
+            "not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z, COMPASS_DIA_Y",
+        ),
         (|_, evaluation| evaluation.compasses[1].reading_interval_s = 0.25, "the field is logged 4.0 times a second"),
         (|_, evaluation| evaluation.compasses[0].reading_interval_s = 0.15, ""),
         (|_, evaluation| evaluation.compasses[1].latency = LATE_ATTITUDE, "the attitude is logged 150 ms later"),
@@ -125,5 +130,8 @@ fn a_fault_of_a_compass_gives_its_own_warning_only() {
         assert!(warnings.iter().all(|warning| warning.contains(expected)), "{expected}: {warnings:?}");
     }
 }
+
+const INCOMPLETE_PARAMETERS: [(&str, f64); 3] =
+    [("COMPASS_OFS_Y", 1.0), ("COMPASS_DIA_X", 1.0), ("COMPASS_DIA_Z", 1.0)];
 
 const LATE_ATTITUDE: FieldLatency = FieldLatency { used_s: -0.15, sigma_s: Some(0.01) };

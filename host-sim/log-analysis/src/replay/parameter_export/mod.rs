@@ -20,6 +20,7 @@ use self::symmetric_fit::SymmetricFit;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row_solve::calibrated_correction;
 use crate::score::wrap_180;
 
 /// Largest heading difference to the full solution with which the simplest orientation is kept, degrees RMS with its
@@ -79,15 +80,12 @@ impl ExportInputs<'_> {
     /// Exports a calibration with an orientation of a kind; none if the parameters cannot express it.
     pub fn export_correction(&self, calibration: &Calibration, kind: OrientationKind) -> Option<ExportedCorrection> {
         let Self { compass_number, rows, total_ut, format, terms, .. } = *self;
-        let correction_matrix = calibration.w_matrix().map(f64::from);
-        let hard_iron_ut = calibration.b_vector_ut().map(f64::from);
-        let (rotation, symmetric) = polar_decomposition(&correction_matrix)?;
+        let full_correction = calibrated_correction(calibration);
+        let FieldCorrection { hard_iron_ut, motor_ut_per_a, .. } = full_correction;
+        let (rotation, symmetric) = polar_decomposition(&full_correction.matrix)?;
         let orientation = ExportedOrientation::nearest(kind, &rotation, self.orientation, format)?;
         let mounting = orientation.rotation_from_logged;
         let scale = total_ut.map_or(1.0, |total_ut| total_ut / f64::from(calibration.total_ut));
-        let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&mounting)).collect();
-        let motor_ut_per_a = Vector3::from(calibration.motor_current.ut_per_a).map(f64::from);
-        let full_correction = FieldCorrection { matrix: correction_matrix, hard_iron_ut, motor_ut_per_a };
         // INAV has no current compensation; the mean interference goes into the offsets.
         let is_compensated = format != ParameterFormat::Inav && terms == CorrectedTerms::All;
         let offset_current_a = if is_compensated { 0.0 } else { f64::from(calibration.motor_current.mean_current_a) };
@@ -102,8 +100,7 @@ impl ExportInputs<'_> {
             hard_iron_ut: mounting * (hard_iron_ut + motor_ut_per_a * offset_current_a),
             motor_ut_per_a: if is_compensated { mounting * motor_ut_per_a } else { Vector3::zeros() },
         };
-        let symmetric_fit =
-            SymmetricFit { rows, rotated_rows: &rotated_rows, mounting, calibration, full_correction, unknown_count };
+        let symmetric_fit = SymmetricFit { rows, mounting, calibration, full_correction, unknown_count };
         let nearest = symmetric_fit.nearest_correction(initial_correction);
         // A half turn is a symmetric matrix, too, but not a positive one, which corrects no field.
         let mut correction = if nearest.matrix.cholesky().is_some() { nearest } else { initial_correction };
@@ -114,7 +111,7 @@ impl ExportInputs<'_> {
             compass_number,
             correction,
             orientation,
-            heading_loss_deg: heading_loss_deg_of(rows, &rotated_rows, &full_correction, &correction),
+            heading_loss_deg: heading_loss_deg_of(rows, &mounting, &full_correction, &correction),
             fitted_range_s: None,
             held_back_score: None,
             rms_by_terms_deg: None,
@@ -158,19 +155,17 @@ fn polar_decomposition(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f
     (turn.determinant() > 0.0).then_some((turn, symmetric))
 }
 
-/// Heading difference of two corrections over usable rows, degrees: RMS less mean, and mean.
+/// Heading difference of a full correction and of one after a mounting, over usable rows, degrees: RMS less mean, and mean.
 fn heading_loss_deg_of(
     rows: &[ReplayRow],
-    rotated_rows: &[ReplayRow],
+    mounting: &Matrix3<f64>,
     full_correction: &FieldCorrection,
     exported: &FieldCorrection,
 ) -> [f64; 2] {
-    let differences: Vec<f64> = rows
-        .iter()
-        .zip(rotated_rows)
-        .filter(|(row, _)| row.is_usable)
-        .map(|(row, rotated_row)| {
-            let exported_deg = heading_deg(rotated_row, rotated_row.corrected_field(exported));
+    let usable = rows.iter().filter(|row| row.is_usable);
+    let differences: Vec<f64> = usable
+        .map(|row| {
+            let exported_deg = heading_deg(row, row.in_rotated_axes(mounting).corrected_field(exported));
             wrap_180(exported_deg - heading_deg(row, row.corrected_field(full_correction)))
         })
         .collect();
@@ -212,7 +207,8 @@ mod tests {
             hard_iron_ut: Vector3::new(0.25, 0.0, 0.0),
             ..FieldCorrection::identity()
         };
-        let [rms_deg, mean_deg] = heading_loss_deg_of(&rows, &rows, &FieldCorrection::identity(), &rotated);
+        let [rms_deg, mean_deg] =
+            heading_loss_deg_of(&rows, &Matrix3::identity(), &FieldCorrection::identity(), &rotated);
         let expected_rms_deg = (0.25 / LEVEL_ROW_FIELD_UT[0] / 2_f64.sqrt()).to_degrees();
         assert!((rms_deg / expected_rms_deg - 1.0).abs() < 0.01, "{rms_deg} {expected_rms_deg}");
         assert!((mean_deg + 3.0).abs() < 0.01, "{mean_deg}");

@@ -137,7 +137,7 @@ impl OrientationParameters {
             _ => return Err(FixedOrientation::OtherAutopilot),
         };
         let parameters = &flight.parameters;
-        let slot = flight.slot_index(compass_number).ok_or(FixedOrientation::NotLogged)?;
+        let slot = flight.slot(compass_number).map_err(|_| FixedOrientation::NotLogged)?;
         let number = parameters.last_value(&orientation_parameter(is_px4, slot)).ok_or(FixedOrientation::NotLogged)?;
         // PX4 marks internal compasses by a negative number.
         let external = if is_px4 { Some(number + 1.0) } else { parameters.last_value(&external_parameter(slot)) };

@@ -8,7 +8,7 @@ use super::exported_correction::{ExportedCorrection, HeldBackScore};
 use super::parameter_format::ParameterFormat;
 use super::symmetric_fit::correction_parts;
 use crate::log::{
-    ARDUPILOT_SLOTS, CompassSlot, CustomRotation, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory,
+    ARDUPILOT_SLOTS, CustomRotation, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory,
     SensorOrientation, ardupilot_index, ardupilot_vector, logged_mounting, orientation_parameter, px4_mounting,
 };
 use crate::numbers::format_number;
@@ -23,9 +23,9 @@ const AMPERES_PER_KILOAMPERE: f64 = 1000.0;
 pub fn format_parameter_file(flight: &LoggedFlight, exports: &[ExportedCorrection], format: ParameterFormat) -> String {
     let (mut slotted, mut comments) = (Vec::new(), String::new());
     for export in exports {
-        match flight.compass(export.compass_number).map(|compass| compass.slot).unwrap_or_default() {
-            CompassSlot::Known(index) => slotted.push((export, index)),
-            CompassSlot::Unknown(reason) => {
+        match flight.slot(export.compass_number) {
+            Ok(index) => slotted.push((export, index)),
+            Err(reason) => {
                 // Writing to a string cannot fail.
                 let _ = writeln!(comments, "# compass {}: no parameters, because {reason}", export.compass_number);
             }
@@ -129,13 +129,13 @@ pub fn may_compensate_current(flight: &LoggedFlight, compass_number: u8, format:
     const BY_MOTOR: i32 = 3;
     const PER_MOTOR_SLOT: u8 = 1;
     let parameter = |name: &str| flight.parameters.last_value(name).unwrap_or(0.0);
-    let slot = flight.slot_index(compass_number);
+    let slot = flight.slot(compass_number);
     let is_compensated = |other_slot: u8| ardupilot_vector("MOT", other_slot).iter().any(|name| parameter(name) != 0.0);
-    let mut other_slots = ARDUPILOT_SLOTS.filter(|other| Some(*other) != slot);
+    let mut other_slots = ARDUPILOT_SLOTS.filter(|other| Ok(*other) != slot);
     format != ParameterFormat::ArduPilot
         || match parameter("COMPASS_MOTCT").round() as i32 {
             BY_THROTTLE => !other_slots.any(is_compensated),
-            BY_MOTOR => slot == Some(PER_MOTOR_SLOT),
+            BY_MOTOR => slot == Ok(PER_MOTOR_SLOT),
             _ => true,
         }
 }
@@ -247,7 +247,7 @@ pub(super) fn correction_by_file(
     format: ParameterFormat,
 ) -> (Matrix3<f64>, FieldCorrection) {
     // The result is the same for every slot; without a known one, the first is written.
-    let slot = flight.slot_index(export.compass_number).unwrap_or(u8::from(format == ParameterFormat::ArduPilot));
+    let slot = flight.slot(export.compass_number).unwrap_or(u8::from(format == ParameterFormat::ArduPilot));
     let text = format_corrections(flight, &[(export, slot)], format);
     let parameters = parse_parameter_file(&text, &flight.parameters);
     let is_px4 = format == ParameterFormat::Px4;

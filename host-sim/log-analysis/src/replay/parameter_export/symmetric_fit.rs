@@ -35,8 +35,6 @@ struct FittedRow {
 pub struct SymmetricFit<'a> {
     /// Rows flown.
     pub rows: &'a [ReplayRow],
-    /// The flown rows with their fields rotated by the mounting.
-    pub rotated_rows: &'a [ReplayRow],
     /// Rotation by the mounting.
     pub mounting: Matrix3<f64>,
     /// The solved calibration.
@@ -116,11 +114,10 @@ impl SymmetricFit<'_> {
         let mut fitted: Vec<FittedRow> = self
             .rows
             .iter()
-            .zip(self.rotated_rows)
-            .filter(|(row, _)| row.is_usable)
+            .filter(|row| row.is_usable)
             .step_by(row_stride)
-            .map(|(row, rotated_row)| FittedRow {
-                row: *rotated_row,
+            .map(|row| FittedRow {
+                row: row.in_rotated_axes(&self.mounting),
                 heading_deg: heading_deg(row, row.corrected_field(&self.full_correction)),
                 root_weight: 1.0,
             })
@@ -206,15 +203,7 @@ mod tests {
                 ReplayRow { raw_field, current_a: Some(current_a), ..*row }
             };
             let rows: Vec<ReplayRow> = compass.rows.iter().enumerate().map(row_of).collect();
-            let rotated_rows: Vec<ReplayRow> = rows.iter().map(|row| row.in_rotated_axes(&mounting)).collect();
-            let fit = SymmetricFit {
-                rows: &rows,
-                rotated_rows: &rotated_rows,
-                mounting,
-                calibration: &calibration,
-                full_correction,
-                unknown_count,
-            };
+            let fit = SymmetricFit { rows: &rows, mounting, calibration: &calibration, full_correction, unknown_count };
             let initial = FieldCorrection { motor_ut_per_a: autopilot.motor_ut_per_a, ..FieldCorrection::identity() };
             let found = fit.nearest_correction(initial);
             // Headings do not observe the scale.
@@ -222,10 +211,9 @@ mod tests {
             assert!((matrix - autopilot.matrix).amax() < 1e-4, "{unknown_count}: {matrix}");
             assert!((found.hard_iron_ut - autopilot.hard_iron_ut).amax() < 0.01, "{unknown_count}: {found:?}");
             let strength_ut = |correction: &FieldCorrection| {
-                let rows = fit.rows_of_normal_flight().into_iter().map(|fitted| fitted.row);
-                let strengths =
-                    rows.chain(rotated_rows.iter().copied()).map(|row| row.corrected_field(correction).norm());
-                strengths.sum::<f64>()
+                let normal_rows = fit.rows_of_normal_flight().into_iter().map(|fitted| fitted.row);
+                let rows = normal_rows.chain(rows.iter().map(|row| row.in_rotated_axes(&mounting)));
+                rows.map(|row| row.corrected_field(correction).norm()).sum::<f64>()
             };
             assert!((strength_ut(&found) / strength_ut(&initial) - 1.0).abs() < 0.01, "{unknown_count}: {found:?}");
         }

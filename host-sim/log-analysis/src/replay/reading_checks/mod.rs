@@ -14,7 +14,7 @@ use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::flown_headings::yaw_sectors;
 use super::parameter_fit::is_determined;
 use super::row::ReplayRow;
-use crate::log::{AttitudeView, CompassSlot, CorrectionResidual, FieldCorrection, LogFormat, LoggedFlight};
+use crate::log::{AttitudeView, CorrectionResidual, FieldCorrection, LogFormat, LoggedFlight};
 use crate::numbers::median;
 
 /// Weakest and strongest Earth field, microtesla.
@@ -58,12 +58,11 @@ pub fn check_reading(
 
 /// Slot by device ids and priorities, and by the offsets in use where rows have them.
 fn check_slot(flight: &LoggedFlight, compass: &CompassEvaluation) -> CheckOutcome {
-    let logged = flight.compass(compass.compass_number);
-    match logged.map(|logged| logged.slot).unwrap_or_default() {
-        CompassSlot::Known(_) => CheckOutcome::Passed,
-        slot @ CompassSlot::Unknown(reason) => {
+    match flight.slot(compass.compass_number) {
+        Ok(_) => CheckOutcome::Passed,
+        Err(reason) => {
             let finding = format!("its parameters in the autopilot are unknown, because {reason}");
-            if slot.is_contradictory() { CheckOutcome::Failed(finding) } else { CheckOutcome::Unchecked(finding) }
+            if reason.is_contradictory() { CheckOutcome::Failed(finding) } else { CheckOutcome::Unchecked(finding) }
         }
     }
 }

@@ -45,7 +45,7 @@ const MIN_SPIKE_RATIO: f64 = 3.0;
 /// Time after a start or gap in which a filter may align, seconds; data up to the last excessive tilt is dropped.
 const MAX_FILTER_ALIGNMENT_S: f64 = 60.0;
 
-/// Attitude and body rates between two rows.
+/// Attitude and body rates at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeSample {
     /// Flight time of the attitude, seconds.
@@ -68,9 +68,7 @@ pub fn attitudes_between(flight: &LoggedFlight, from_s: f64, to_s: f64) -> Vec<A
     }
     let step_count = (pause_s / PAUSE_SAMPLING_S).round();
     let instants = (1..step_count as u32).map(|step| from_s + pause_s * f64::from(step) / step_count);
-    let attitude_at_instant =
-        |t_s| attitude_at(flight, t_s).map(|(attitude, rates_rad_s)| AttitudeSample { t_s, attitude, rates_rad_s });
-    instants.filter_map(attitude_at_instant).collect()
+    instants.filter_map(|t_s| attitude_at(flight, t_s)).collect()
 }
 
 /// Numbers of readings and rows.
@@ -138,9 +136,8 @@ pub fn build_rows(
             continue;
         }
         let t_s = reading.t_s - latency_s;
-        let attitude_and_rates =
-            attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_rows(t_s, gap_s).is_some());
-        let Some((attitude, rates)) = attitude_and_rates else {
+        let sample = attitude_at(flight, t_s).filter(|_| flight.attitude.surrounding_rows(t_s, gap_s).is_some());
+        let Some(sample) = sample else {
             row_counts.without_attitude += 1;
             continue;
         };
@@ -148,15 +145,16 @@ pub fn build_rows(
             row_counts.contradicting_attitude += 1;
             continue;
         }
-        if differs_from_simulator(flight, t_s, attitude) {
+        if differs_from_simulator(flight, &sample) {
             row_counts.off_simulator += 1;
             continue;
         }
         match accumulators.last_mut() {
-            Some(last) if t_s - last.first_s < ROW_AVERAGING_S => last.add_reading(t_s, reading, attitude, rates),
+            Some(last) if t_s - last.first_s < ROW_AVERAGING_S => last.add_reading(reading, &sample),
             _ => {
-                let mut next = RowAccumulator { first_s: t_s, first_roll_rad: attitude.roll_rad, ..Default::default() };
-                next.add_reading(t_s, reading, attitude, rates);
+                let mut next =
+                    RowAccumulator { first_s: t_s, first_roll_rad: sample.attitude.roll_rad, ..Default::default() };
+                next.add_reading(reading, &sample);
                 accumulators.push(next);
             }
         }
@@ -195,12 +193,12 @@ pub fn build_rows(
 }
 
 /// Whether roll and pitch differ from a simulator's by more than a working filter does.
-fn differs_from_simulator(flight: &LoggedFlight, t_s: f64, attitude: RollPitch) -> bool {
+fn differs_from_simulator(flight: &LoggedFlight, sample: &AttitudeSample) -> bool {
     /// Twice the largest error of a filter in a turn, radians (5 deg).
     const MAX_DIFFERENCE_RAD: f64 = 0.087;
-    flight.true_attitude.interpolate_angles(t_s, MAX_GAP_S).is_some_and(|[roll_rad, pitch_rad, _]| {
+    flight.true_attitude.interpolate_angles(sample.t_s, MAX_GAP_S).is_some_and(|[roll_rad, pitch_rad, _]| {
         let by_simulator = down_in_body(RollPitch { roll_rad, pitch_rad });
-        down_in_body(attitude).angle(&by_simulator) > MAX_DIFFERENCE_RAD
+        down_in_body(sample.attitude).angle(&by_simulator) > MAX_DIFFERENCE_RAD
     })
 }
 
@@ -225,7 +223,8 @@ struct RowAccumulator {
 }
 
 impl RowAccumulator {
-    fn add_reading(&mut self, t_s: f64, reading: &TimedRow<6>, attitude: RollPitch, rates: Option<[f32; 3]>) {
+    fn add_reading(&mut self, reading: &TimedRow<6>, sample: &AttitudeSample) {
+        let AttitudeSample { t_s, attitude, rates_rad_s } = sample;
         self.reading_count += 1;
         self.time_sum_s += t_s - self.first_s;
         let [x, y, z, cx, cy, cz] = reading.row_values;
@@ -234,7 +233,7 @@ impl RowAccumulator {
         }
         self.roll_sum_rad += wrap_pi(attitude.roll_rad - self.first_roll_rad);
         self.pitch_sum_rad += attitude.pitch_rad;
-        if let Some(rates) = rates {
+        if let Some(rates) = rates_rad_s {
             self.rate_count += 1;
             for (sum, rate) in self.rate_sum_rad_s.iter_mut().zip(rates) {
                 *sum += rate;
@@ -336,12 +335,13 @@ fn attitude_of_down(down: Vector3<f64>) -> RollPitch {
 
 /// Roll and pitch by Hermite interpolation with slopes from the body rates, and the rates; near the singular pitch by
 /// interpolation of the vertical.
-fn attitude_at(flight: &LoggedFlight, t_s: f64) -> Option<(RollPitch, Option<[f32; 3]>)> {
+fn attitude_at(flight: &LoggedFlight, t_s: f64) -> Option<AttitudeSample> {
     let (before, after, weight) = flight.attitude.surrounding_rows(t_s, MAX_GAP_S)?;
-    let rates = flight.body_rates.interpolate(t_s, MAX_GAP_S);
+    let rates_rad_s = flight.body_rates.interpolate(t_s, MAX_GAP_S);
     let step_s = (after.t_s - before.t_s) as f32;
     if [before, after].iter().any(|row| row.row_values[1].abs() > MAX_PITCH_RAD) {
-        return Some((attitude_of_down(down_of_row(before).lerp(&down_of_row(after), weight)), rates));
+        let attitude = attitude_of_down(down_of_row(before).lerp(&down_of_row(after), weight));
+        return Some(AttitudeSample { t_s, attitude, rates_rad_s });
     }
     let weight = weight as f32;
     let motions = euler_rates_at(&flight.body_rates, before).zip(euler_rates_at(&flight.body_rates, after));
@@ -356,7 +356,7 @@ fn attitude_at(flight: &LoggedFlight, t_s: f64) -> Option<(RollPitch, Option<[f3
         });
         before.row_values[angle] + straight + if bulge.abs() <= MAX_CUBIC_DEVIATION_RAD { bulge } else { 0.0 }
     });
-    Some((RollPitch { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates))
+    Some(AttitudeSample { t_s, attitude: RollPitch { roll_rad: wrap_pi(roll_rad), pitch_rad }, rates_rad_s })
 }
 
 fn euler_rates_at(rates: &Series<3>, attitude_row: &TimedRow<3>) -> Option<EulerRates> {

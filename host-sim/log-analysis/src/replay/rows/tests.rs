@@ -10,7 +10,7 @@ fn level_flight(seconds: u16) -> LoggedFlight {
 
 /// Readings of 20, 0, 40 uT over an interval in seconds.
 fn compass_with_readings(from_s: i32, to_s: i32) -> LoggedCompass {
-    let mut compass = LoggedCompass { compass_number: 1, ..LoggedCompass::default() };
+    let mut compass = LoggedCompass::without_readings(1, Ok(1));
     for i in 10 * from_s..10 * to_s {
         compass.field.push_row(f64::from(i) / 10.0, [20.0, 0.0, 40.0, 20.0, 0.0, 40.0]);
     }
@@ -95,7 +95,7 @@ fn attitudes_between_distant_rows_are_evenly_spaced() {
 #[test]
 fn the_mean_roll_of_a_row_wraps_at_180_deg() {
     let mut flight = LoggedFlight::new(LogFormat::ULog);
-    let mut compass = LoggedCompass { compass_number: 1, ..LoggedCompass::default() };
+    let mut compass = LoggedCompass::without_readings(1, Ok(1));
     for (t_s, roll_deg) in [(0.0, 179.0_f32), (0.05, -179.0)] {
         flight.attitude.push_row(t_s, [roll_deg.to_radians(), 0.0, 0.0]);
         compass.field.push_row(t_s, [20.0, 0.0, -40.0, 20.0, 0.0, -40.0]);
@@ -151,17 +151,16 @@ fn a_cubic_motion_is_interpolated_exactly_with_the_body_rates() {
     }
     let [mut largest_deviation, mut largest_error_in_degrees] = [0.0_f64; 2];
     for t_s in (0..30).map(|i| f64::from(i) / 10.0) {
-        let [(attitude, rates), (attitude_in_degrees, _)] =
-            [&flight, &in_degrees].map(|flight| attitude_at(flight, t_s).unwrap());
-        assert_eq!(rates, flight.body_rates.interpolate(t_s, 0.5));
+        let [sample, sample_in_degrees] = [&flight, &in_degrees].map(|flight| attitude_at(flight, t_s).unwrap());
+        assert_eq!(sample.rates_rad_s, flight.body_rates.interpolate(t_s, 0.5));
         let by_line = flight.attitude.interpolate(t_s, 0.5).unwrap();
-        let angles = |attitude: RollPitch| [attitude.roll_rad, attitude.pitch_rad].map(f64::from);
+        let angles = |sample: &AttitudeSample| [sample.attitude.roll_rad, sample.attitude.pitch_rad].map(f64::from);
         for angle in 0..2 {
             let expected_rad = value_at(motion[angle], t_s);
-            assert!((angles(attitude)[angle] - expected_rad).abs() < 1e-6, "{t_s} s, {attitude:?}");
+            assert!((angles(&sample)[angle] - expected_rad).abs() < 1e-6, "{t_s} s, {sample:?}");
             largest_deviation = largest_deviation.max((f64::from(by_line[angle]) - expected_rad).abs());
             largest_error_in_degrees =
-                largest_error_in_degrees.max((angles(attitude_in_degrees)[angle] - expected_rad).abs());
+                largest_error_in_degrees.max((angles(&sample_in_degrees)[angle] - expected_rad).abs());
         }
     }
     assert!(largest_deviation > 0.01, "{largest_deviation}");
@@ -180,7 +179,7 @@ fn a_row_of_several_readings_holds_the_values_of_its_time() {
     for i in 0..=30 {
         flight.reference_heading.push_row(f64::from(i) / 10.0, [0.2 * i as f32 / 10.0]);
     }
-    let mut compass = LoggedCompass::default();
+    let mut compass = LoggedCompass::without_readings(1, Ok(1));
     for t_s in (2..25).flat_map(|i| [0.0, 0.01, 0.06].map(|offset_s| f64::from(i) / 10.0 + offset_s)) {
         compass.field.push_row(t_s, field_at(t_s));
     }

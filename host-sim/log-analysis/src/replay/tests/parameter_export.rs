@@ -92,8 +92,7 @@ fn export_of_compass(compass_number: u8) -> ExportedCorrection {
 fn flight_with_parameters(format: ParameterFormat, parameters: &[(&str, f64)]) -> LoggedFlight {
     let compass = |compass_number| {
         let index = compass_number - u8::from(format == ParameterFormat::Px4);
-        let slot = log::CompassSlot::Known(index);
-        log::LoggedCompass { compass_number, slot, ..Default::default() }
+        log::LoggedCompass::without_readings(compass_number, Ok(index))
     };
     LoggedFlight {
         compasses: [1, 2, 3].map(compass).into(),
@@ -345,8 +344,8 @@ fn parameters_are_those_of_the_slot_of_the_compass() {
     let mut flight = flight_with_parameters(ParameterFormat::ArduPilot, &[("COMPASS_ORIENT2", 4.0)]);
     flight.autopilot = log::AutopilotKind::ArduPilot;
     flight.parameters.set_value(5.0, "COMPASS_ORIENT2", 2.0);
-    flight.compasses[0].slot = log::CompassSlot::Known(2);
-    flight.compasses[1].slot = log::CompassSlot::default();
+    flight.compasses[0].slot = Ok(2);
+    flight.compasses[1].slot = Err(log::UnknownSlot::NoParameters);
     let mut exports = [1, 2].map(export_of_compass);
     exports[0].correction.hard_iron_ut.x = 3.0;
     let text = format_parameter_file(&flight, &exports, ParameterFormat::ArduPilot);

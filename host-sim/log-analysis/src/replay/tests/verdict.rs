@@ -5,33 +5,6 @@ use crate::log::LoggedCompass;
 use crate::replay::log_warning::warnings_of_flight;
 use crate::replay::verdict::{CompassAction, CompassState, Verdict};
 
-#[test]
-fn the_time_of_the_calibration_is_on_the_log_s_clock() {
-    let (flight, mut compass) = compass_of_flown_turns();
-    module_mut(&mut compass).collection_end_s = Some(70.0);
-    let first_s = flight.time_range_s()[0];
-    assert!(first_s > 1.0, "the recording does not start at zero: {first_s}");
-    assert!((compass.calibration_time_s().unwrap() - first_s - 70.0).abs() < 0.2, "{:?}", compass.calibration_time_s());
-    module_mut(&mut compass).collection_end_s = None;
-    assert_eq!(compass.calibration_time_s(), None);
-}
-
-#[test]
-fn missing_parameters_are_reported() {
-    let warnings_without = |names: &[&str]| {
-        let (mut flight, compass) = compass_of_flown_turns();
-        let values: Vec<(&str, f64)> = names.iter().map(|name| (*name, 1.0)).collect();
-        flight.parameters = log::ParameterHistory::of_values(&values);
-        warnings_of_flight(&flight, &evaluation_of_compasses(vec![compass]))
-            .into_iter()
-            .filter(|note| note.contains("parameters"))
-            .collect::<Vec<_>>()
-    };
-    assert_eq!(warnings_without(&["COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z", "COMPASS_OFS2_X"]), [""; 0]);
-    let missing = "parameters that are not in the log, assumed unset: COMPASS_OFS_X, COMPASS_OFS_Z, COMPASS_DIA_Y";
-    assert_eq!(warnings_without(&["COMPASS_OFS_Y", "COMPASS_DIA_X", "COMPASS_DIA_Z"]), [missing]);
-}
-
 /// Three compasses of which the last is in use, and half of the usable rows without a heading that the module sends.
 fn evaluation_of_three() -> (LoggedFlight, FlightEvaluation) {
     let (mut flight, compass) = compass_of_flown_turns();

@@ -112,10 +112,13 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
         solution,
         has_reference: evaluation.reference.is_some(),
     };
+    let module_headings = compass.module_result.as_ref().map_or(&[][..], |module| &module.headings);
+    let samples = compass.rows.iter().enumerate();
+    let samples = samples.map(|(i, row)| corrections.report_sample(row, module_headings.get(i)));
     let mut report = CompassReport {
         compass_name,
         facts,
-        samples: report_samples(compass, &corrections),
+        samples: samples.collect(),
         last_change_s: compass.parameter_fit.last_change_s,
         event_marks: event_marks(compass),
         before_correction_name: logged_correction_source(compass).source_name(),
@@ -209,16 +212,6 @@ struct ShownCorrections<'a> {
     /// The fit.
     solution: Option<&'a Solution>,
     has_reference: bool,
-}
-
-fn report_samples(compass: &CompassEvaluation, corrections: &ShownCorrections<'_>) -> Vec<ReportSample> {
-    let module = compass.module_result.as_ref();
-    let samples = compass
-        .rows
-        .iter()
-        .enumerate()
-        .map(|(i, row)| corrections.report_sample(row, module.and_then(|module| module.headings.get(i))));
-    samples.collect()
 }
 
 impl ShownCorrections<'_> {
