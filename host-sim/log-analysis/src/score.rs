@@ -6,6 +6,15 @@ use serde::Serialize;
 
 use crate::numbers::{mean, rms};
 
+/// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
+/// however bad it was. A larger remainder has a cause that parameters do not correct.
+pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
+
+/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but
+/// [`GOOD_COMPASS_RMS_DEG`] of it (in squares) is the known loss by the autopilot's symmetric matrix: flying again does
+/// not reduce that.
+pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
+
 /// Statistics of heading errors, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorStatistics {

@@ -3,10 +3,9 @@
 use std::fmt;
 
 use super::evaluation::CompassEvaluation;
-use super::logged_accuracy::BAD_COMPASS_RMS_DEG;
 use crate::numbers::rms;
 use crate::replay::row::ReplayRow;
-use crate::score::wrap_180;
+use crate::score::{BAD_COMPASS_RMS_DEG, wrap_180};
 
 /// Largest difference of two compasses that agree, degrees RMS: both are good.
 const MAX_AGREEMENT_DEG: f64 = 3.0;

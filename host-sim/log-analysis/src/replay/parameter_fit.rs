@@ -5,7 +5,7 @@ use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::replay_run::solve_rows;
-use super::row_solve::{RunOutcome, solved_correction};
+use super::row_solve::{RunOutcome, is_determined, solved_correction};
 use crate::log::FieldCorrection;
 use crate::replay::result::EarthFieldPrior;
 use crate::replay::row::ReplayRow;
@@ -117,14 +117,6 @@ impl CompassFit {
         };
         rayon::join(|| fit_half(0), || fit_half(1)).into()
     }
-}
-
-/// Whether the flight determines a fit well enough to check a reading by it: one heading determines no inclination, and no
-/// mirror image.
-pub(super) fn is_determined(solution: &Solution) -> bool {
-    /// That of a good compass, degrees RMS.
-    const MAX_EXPECTED_ERROR_DEG: f32 = 2.0;
-    solution.quality.expected_rms_deg <= MAX_EXPECTED_ERROR_DEG
 }
 
 /// Whether motor-current interference is known and large enough to be compensated.

@@ -9,11 +9,8 @@ use super::module_run::ModuleRun;
 use super::result::{EarthFieldPrior, HeadingRow, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
-use super::row_solve::{RunOutcome, solve_evenly_thinned, solve_retained_samples, solver_prior};
+use super::row_solve::{RunOutcome, is_determined, solve_evenly_thinned, solve_retained_samples, solver_prior};
 use crate::log::LoggedFlight;
-
-/// Expected error of a poor solve, degrees RMS: larger than that of a good compass.
-const POOR_SOLVE_RMS_DEG: f32 = 2.0;
 
 /// Replays rows, in order of time, without attitudes between them.
 #[must_use]
@@ -73,14 +70,15 @@ pub(super) fn solve_rows(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Ori
     more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior))
 }
 
-/// The outcome with the smaller expected error; the alternative is solved only if the first one is poor.
+/// The outcome with the smaller expected error; the alternative is solved only if the flight does not determine the first
+/// one.
 fn more_certain_outcome(first: RunOutcome, alternative: impl FnOnce() -> RunOutcome) -> RunOutcome {
+    if first.solution.as_ref().is_some_and(is_determined) {
+        return first;
+    }
     let expected_error_deg = |outcome: &RunOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
-    if expected_error_deg(&first) <= POOR_SOLVE_RMS_DEG {
-        return first;
-    }
     let alternative = alternative();
     if expected_error_deg(&alternative) < expected_error_deg(&first) { alternative } else { first }
 }

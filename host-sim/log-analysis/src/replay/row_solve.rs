@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 use super::result::EarthFieldPrior;
 use crate::log::FieldCorrection;
-use crate::score::accepted_by_uncalibrated;
+use crate::score::{GOOD_COMPASS_RMS_DEG, accepted_by_uncalibrated};
 
 /// Result of a run: the solution, whether the module accepts it, the number of fitted samples, and the time of the
 /// automatic end in seconds.
@@ -57,6 +57,12 @@ pub(super) fn calibrated_correction(calibration: &Calibration) -> FieldCorrectio
         hard_iron_ut: calibration.b_vector_ut().map(f64::from),
         motor_ut_per_a: Vector3::from(calibration.motor_current.ut_per_a).map(f64::from),
     }
+}
+
+/// Whether the flight determines a fit as well as that of a good compass: one heading determines no inclination, and no
+/// mirror image.
+pub(super) fn is_determined(solution: &Solution) -> bool {
+    f64::from(solution.quality.expected_rms_deg) <= GOOD_COMPASS_RMS_DEG
 }
 
 /// Prior of the module: an inclination that no option configures is that of the field model.

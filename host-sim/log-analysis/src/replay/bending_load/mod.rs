@@ -18,7 +18,7 @@ use candidates::{LoadCandidate, load_candidates, load_name, motion_candidates};
 use periodic::{corrected_sigmas, find_line};
 use regression::{LoadFit, ResidualModel};
 
-use super::hard_iron_changes::LoggedHardIronChange;
+use super::hard_iron_changes::{LoggedHardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 use super::row::ReplayRow;
 use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
 use crate::numbers::centred_products;
@@ -28,9 +28,6 @@ const MAX_ROWS: usize = 5000;
 
 /// Least significance, standard deviations.
 const MIN_SIGMAS: f64 = 5.0;
-
-/// Least effect on a level heading, degrees.
-const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 
 /// Least part of the squared residuals of a half that the coefficients of the other half explain.
 const MIN_EXPLAINED_FRACTION: f64 = 0.1;
@@ -165,11 +162,6 @@ fn find_periodic_load(
         sigmas: line.sigmas,
     };
     is_named(&load).then_some(load)
-}
-
-/// Largest effect of a disturbance on a level heading, degrees.
-fn heading_effect_deg(disturbance_ut: Vector3<f64>, horizontal_ut: f64) -> f64 {
-    libm::atan(disturbance_ut.xy().norm() / horizontal_ut).to_degrees()
 }
 
 #[cfg(test)]

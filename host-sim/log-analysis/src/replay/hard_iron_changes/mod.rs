@@ -25,8 +25,8 @@ const MAX_CHANGES: usize = 8;
 /// Largest expected error of a calibration that can confirm a change, degrees RMS: that of the module's acceptance.
 const MAX_EXPECTED_ERROR_DEG: f32 = 3.0;
 
-/// Smallest effect of a change on a level heading, degrees: less is within the error of a good calibration.
-const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
+/// Smallest effect of a cause on a level heading, degrees: less is within the error of a good calibration.
+pub(super) const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
 
 /// Smallest horizontal part of a change, in its standard deviations. That the field changed at that time is known from
 /// all three components.
@@ -221,8 +221,13 @@ fn step_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
     let change_ut = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
     let horizontal_field_ut = solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad);
     let is_significant = change_ut.xy().norm() > MIN_HORIZONTAL_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
-    let heading_effect_deg = libm::atan(change_ut.xy().norm() / f64::from(horizontal_field_ut)).to_degrees();
+    let heading_effect_deg = heading_effect_deg(change_ut, horizontal_field_ut.into());
     (is_significant && heading_effect_deg >= MIN_HEADING_EFFECT_DEG).then_some(heading_effect_deg)
+}
+
+/// Largest effect of a disturbance on a level heading, degrees.
+pub(super) fn heading_effect_deg(disturbance_ut: Vector3<f64>, horizontal_ut: f64) -> f64 {
+    libm::atan(disturbance_ut.xy().norm() / horizontal_ut).to_degrees()
 }
 
 /// Whether a step is the same change as a jump.

@@ -15,15 +15,7 @@ use crate::log::{LogFormat, LoggedFlight};
 use crate::numbers::median;
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row::ReplayRow;
-
-/// Largest error of a good compass, degrees RMS, and of parameters on held-back rows: they must make the compass good,
-/// however bad it was. A larger remainder has a cause that parameters do not correct.
-pub const GOOD_COMPASS_RMS_DEG: f64 = 2.0;
-
-/// Error beyond which a compass is bad, degrees RMS. Up to this error parameters are given if all but
-/// [`GOOD_COMPASS_RMS_DEG`] of it (in squares) is the known loss by the autopilot's symmetric matrix: flying again does
-/// not reduce that.
-pub const BAD_COMPASS_RMS_DEG: f64 = 5.0;
+use crate::score::BAD_COMPASS_RMS_DEG;
 
 /// Minimum number of usable rows for a judgement: 12 s at the 2 Hz of telemetry.
 const MIN_ROWS: usize = 25;

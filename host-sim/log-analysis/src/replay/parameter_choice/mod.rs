@@ -10,7 +10,6 @@ pub use orientation_proof::provable_orientation;
 use autoswing::calibration::{Calibration, Solution};
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
-use super::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 use super::parameter_export::orientation::{FixedOrientation, OrientationParameters, TurnedSensor};
 use super::parameter_export::{
     CorrectedTerms, ExportInputs, ExportedCorrection, HeldBackScore, ParameterFormat, field_by_exported_parameters,
@@ -19,11 +18,12 @@ use super::parameter_export::{
 use super::parameter_fit::{CompassFit, half_index_at};
 use super::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck};
 use super::row_headings::{heading_scatter, rms_deg_by_scatter, score_field};
-use super::row_solve::solved_correction;
+use super::row_solve::{is_determined, solved_correction};
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::reference::ReferenceHeading;
 use crate::replay::row::{ReplayRow, heading_deg};
+use crate::score::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 
 /// Smallest number of rows since the last change for a fit: 10 s at 10 Hz.
 const MIN_ROWS: usize = 100;
@@ -35,9 +35,6 @@ const MIN_REFERENCE_ROWS: usize = 50;
 const MIN_GAIN_DEG: f64 = 0.3;
 /// Smallest such improvement as a fraction of the error as logged.
 const MIN_RELATIVE_GAIN: f64 = 0.2;
-
-/// Maximum expected error over all headings at which parameters are exported, degrees RMS.
-const MAX_EXPECTED_ERROR_DEG: f64 = 2.0;
 
 /// Expected error from which on the flight determines no calibration, and its residuals no cause, degrees RMS.
 const UNDETERMINED_ERROR_DEG: f64 = 30.0;
@@ -241,10 +238,10 @@ impl ParameterCandidate {
 
 /// Checks that the flight determines the fit.
 fn check_certainty(flight: &LoggedFlight, solution: &Solution) -> Result<(), NoParameters> {
-    let expected_error_deg = f64::from(solution.quality.expected_rms_deg);
-    if expected_error_deg <= MAX_EXPECTED_ERROR_DEG {
+    if is_determined(solution) {
         return Ok(());
     }
+    let expected_error_deg = f64::from(solution.quality.expected_rms_deg);
     let cause = || {
         let residuals = |dependence| NoParameters::Residuals { expected_error_deg, dependence };
         weak_horizontal_field(&solution.calibration).or_else(|| residual_dependence(solution).map(residuals))

@@ -47,7 +47,7 @@ pub struct ExportedCorrection {
 /// ArduPilot's default of `COMPASS_OFFS_MAX`, milligauss.
 const DEFAULT_MAX_OFFSET_MG: f64 = 1800.0;
 
-const MILLIGAUSS_PER_UT: f64 = 10.0;
+pub(super) const MILLIGAUSS_PER_UT: f64 = 10.0;
 
 impl ExportedCorrection {
     /// Whether the parameters compensate motor current.

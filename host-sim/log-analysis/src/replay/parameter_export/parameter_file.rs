@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::exported_correction::{ExportedCorrection, HeldBackScore};
+use super::exported_correction::{ExportedCorrection, HeldBackScore, MILLIGAUSS_PER_UT};
 use super::parameter_format::ParameterFormat;
 use super::symmetric_fit::correction_parts;
 use crate::log::{
@@ -13,7 +13,6 @@ use crate::log::{
 };
 use crate::numbers::format_number;
 
-const MILLIGAUSS_PER_UT: f64 = 10.0;
 const GAUSS_PER_UT: f64 = 0.01;
 /// PX4 uses gauss per kiloampere.
 const AMPERES_PER_KILOAMPERE: f64 = 1000.0;

@@ -12,8 +12,8 @@ pub use sense::misalignment_about_z_deg;
 
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::flown_headings::yaw_sectors;
-use super::parameter_fit::is_determined;
 use super::row::ReplayRow;
+use super::row_solve::is_determined;
 use crate::log::{AttitudeView, CorrectionResidual, FieldCorrection, LogFormat, LoggedFlight};
 use crate::numbers::median;
 

@@ -11,11 +11,10 @@ use super::check::CheckOutcome;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::{centred_products, mean};
 use crate::replay::evaluation::FlightEvaluation;
-use crate::replay::parameter_fit::is_determined;
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::{ReplayRow, heading_deg};
 use crate::replay::row_headings::heading_scatter;
-use crate::replay::row_solve::solved_correction;
+use crate::replay::row_solve::{is_determined, solved_correction};
 use crate::score::wrap_180;
 
 /// Shortest and longest time between the two rows of a turn, seconds: the field turns by more than its noise, and the

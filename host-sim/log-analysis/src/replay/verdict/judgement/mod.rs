@@ -7,12 +7,13 @@ use serde::Serialize;
 use crate::replay::bending_load::BendingLoad;
 use crate::replay::evaluation::CompassEvaluation;
 use crate::replay::hard_iron_changes::{LoggedHardIronChange, temporary_change_start_s};
-use crate::replay::logged_accuracy::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG, LoggedAccuracy, UnknownError};
+use crate::replay::logged_accuracy::{LoggedAccuracy, UnknownError};
 use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
 use crate::replay::parameter_export::orientation::FixedOrientation;
 use crate::replay::parameter_export::{ExportedCorrection, HeldBackScore};
 use crate::replay::reading_checks::{CheckedMeaning, ReadingCheck};
 use crate::replay::sensor_failure::SensorFailure;
+use crate::score::{BAD_COMPASS_RMS_DEG, GOOD_COMPASS_RMS_DEG};
 
 /// State of a compass with the parameters in use, on the headings flown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
