@@ -101,6 +101,14 @@ pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
     quantile(numbers, 0.5).unwrap_or(f64::NAN)
 }
 
+/// Ratio of the standard deviation to the median of absolute values of a normal distribution.
+pub const SIGMAS_PER_MEDIAN: f64 = 1.4826;
+
+/// Evenly spaced values, at most `max_count`.
+pub fn thinned<T: Copy>(values: &[T], max_count: usize) -> Vec<T> {
+    values.iter().step_by(values.len().div_ceil(max_count).max(1)).copied().collect()
+}
+
 /// Circular mean of finite angles, degrees.
 pub fn mean_angle_deg(angles: impl IntoIterator<Item = f64>) -> Option<f64> {
     let finite = angles.into_iter().filter(|angle| angle.is_finite());

@@ -4,7 +4,7 @@ use autoswing::frames::wrap_pi;
 
 use super::flight::{LoggedFlight, RatesProblem};
 use super::time_series::{Series, TimedRow};
-use crate::numbers::{mean, median};
+use crate::numbers::{SIGMAS_PER_MEDIAN, mean, median};
 
 /// Longest interval between the neighbours of a row for a difference, seconds.
 const MAX_DIFFERENCE_INTERVAL_S: f64 = 1.0;
@@ -70,7 +70,7 @@ fn find_rates_problem(differences: &[TimedRow<3>], flight: &LoggedFlight) -> Opt
         let white_noise_rad_s =
             median(pairs.windows(2).map(|pair| (yaw_rate_difference(&pair[1]) - yaw_rate_difference(&pair[0])).abs()))
                 / std::f64::consts::SQRT_2;
-        let walk_deg = (1.4826 * white_noise_rad_s * step_s.sqrt()).to_degrees();
+        let walk_deg = (SIGMAS_PER_MEDIAN * white_noise_rad_s * step_s.sqrt()).to_degrees();
         (walk_deg > MAX_HEADING_RANDOM_WALK_DEG).then_some(RatesProblem::Inexact(walk_deg))
     })
 }

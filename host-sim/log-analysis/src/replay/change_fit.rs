@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
 use crate::log::FieldCorrection;
-use crate::numbers::{median, square};
+use crate::numbers::{SIGMAS_PER_MEDIAN, median, square};
 use crate::replay::row::ReplayRow;
 
 /// Number of unknowns: `W`, `b`, motor-current interference, strength, vertical component, gains, offset.
@@ -30,9 +30,6 @@ const T_FREEDOM: f64 = 4.0;
 
 /// Smallest scale of residuals, microtesla: the resolution of a log.
 const MIN_SCALE_UT: f64 = 0.05;
-
-/// Ratio of the standard deviation to the median of absolute values of a normal distribution.
-const SIGMAS_PER_MEDIAN: f64 = 1.4826;
 
 /// Prior standard deviations: of a gain of all axes, of a gain or sign of one of three axes, and of a sensor's offset,
 /// microtesla.

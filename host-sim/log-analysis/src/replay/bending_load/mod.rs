@@ -21,7 +21,7 @@ use regression::{LoadFit, ResidualModel};
 use super::hard_iron_changes::{LoggedHardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 use super::row::ReplayRow;
 use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
-use crate::numbers::centred_products;
+use crate::numbers::{centred_products, thinned};
 
 /// Largest number of rows of the regression; more are thinned.
 const MAX_ROWS: usize = 5000;
@@ -51,7 +51,7 @@ pub fn find_bending_loads(
     changes: &[LoggedHardIronChange],
 ) -> Vec<BendingLoad> {
     let usable: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable).copied().collect();
-    let thinned: Vec<ReplayRow> = usable.iter().step_by(usable.len().div_ceil(MAX_ROWS).max(1)).copied().collect();
+    let thinned = thinned(&usable, MAX_ROWS);
     let change_times_s: Vec<f64> = changes.iter().map(|change| change.hard_iron_step.time_s).collect();
     let model = |rows: &[ReplayRow]| ResidualModel::new(rows, initial, &change_times_s);
     let around = |values: &[f64], coefficient_ut: Vector3<f64>| {

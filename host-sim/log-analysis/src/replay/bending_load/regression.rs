@@ -7,7 +7,7 @@ use autoswing::frames::Field;
 use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector3};
 
 use crate::log::FieldCorrection;
-use crate::numbers::{mean, median, rms, square};
+use crate::numbers::{SIGMAS_PER_MEDIAN, mean, median, rms, square};
 use crate::replay::parameter_fit::half_index_at;
 use crate::replay::row::ReplayRow;
 
@@ -295,7 +295,7 @@ impl LinearSystem {
         for kind in 0..2 {
             let of_kind = (kind..self.residuals.len()).step_by(2);
             let left = |at: usize| self.residuals[at] - explained[at];
-            let sigma = (1.4826 * median(of_kind.clone().map(|at| left(at).abs()))).max(MIN_SIGMA);
+            let sigma = (SIGMAS_PER_MEDIAN * median(of_kind.clone().map(|at| left(at).abs()))).max(MIN_SIGMA);
             for at in of_kind {
                 let left = self.residuals[at] - explained[at];
                 self.residuals[at] = explained[at] / sigma + (left / sigma).clamp(-CLIP_SIGMAS, CLIP_SIGMAS);

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::log::time_series::Series;
 use crate::log::{Gps, HeadingIntegral, LoggedFlight};
-use crate::numbers::{median, rms, square};
+use crate::numbers::{SIGMAS_PER_MEDIAN, median, rms, square, thinned};
 
 /// Largest bank in straight flight, degrees; gusts roll by a few.
 const MAX_BANK_DEG: f32 = 10.0;
@@ -20,6 +20,9 @@ const MIN_STRAIGHT_S: f64 = 2.0;
 
 /// Largest mean turn rate in straight flight, degrees a second; single gyro readings vibrate.
 const MAX_TURN_RATE_DEG_S: f64 = 3.0;
+
+/// Largest number of velocities to which a circle is fitted.
+const MAX_FITTED_VELOCITIES: usize = 5000;
 
 /// Largest interpolation gap, seconds; MAVLink logs have 1 Hz.
 const MAX_GAP_S: f64 = 1.5;
@@ -134,7 +137,7 @@ impl GpsCourseHeading {
             return Err(GpsCourseRejection::Copter);
         }
         let flight_velocities = velocities_in_flight(velocities).ok_or(GpsCourseRejection::TooSlow)?;
-        let fitted = thin_velocities(&flight_velocities);
+        let fitted = thinned(&flight_velocities, MAX_FITTED_VELOCITIES);
         let circle = VelocityCircle::fit_robustly(&fitted).ok_or(GpsCourseRejection::NoCircle)?;
         let on_circle_velocities = velocities_near_circle(&flight_velocities, &circle)?;
         let heading_integral = NoseHeadings::from_flight(flight).ok_or(GpsCourseRejection::NoRates)?;
@@ -263,11 +266,6 @@ fn velocities_near_circle(
     is_most.then_some(near_circle).ok_or(GpsCourseRejection::NoCircle)
 }
 
-fn thin_velocities(velocities: &[GroundVelocity]) -> Vec<GroundVelocity> {
-    const MAX_VELOCITIES: usize = 5000;
-    velocities.iter().step_by(velocities.len().div_ceil(MAX_VELOCITIES).max(1)).copied().collect()
-}
-
 /// Largest angle between neighbouring directions flown straight, degrees; 360 if none was flown.
 fn widest_gap_deg(straight: &[GroundVelocity], circle: &VelocityCircle) -> f64 {
     const DIRECTION_BINS: usize = 72;
@@ -330,7 +328,7 @@ impl VelocityCircle {
     /// One Gauss-Newton step on radial distances with Tukey's biweight.
     fn refined_circle(self, velocities: &[GroundVelocity]) -> Option<Self> {
         /// Cut-off of Tukey's biweight per median absolute residual: 4.685 standard deviations.
-        const TUKEY_CUTOFF_PER_MAD: f64 = 4.685 * 1.4826;
+        const TUKEY_CUTOFF_PER_MAD: f64 = 4.685 * SIGMAS_PER_MEDIAN;
         /// Least median residual, m/s: a receiver's noise.
         const MIN_SCALE_M_S: f64 = 0.1;
         let scale = median(velocities.iter().map(|velocity| self.radial_residual_m_s(velocity).abs()))

@@ -6,6 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::log::FieldCorrection;
+use crate::numbers::thinned;
 use crate::replay::change_fit::{ChangeFit, FitRow, Hypothesis};
 use crate::replay::row::ReplayRow;
 
@@ -60,8 +61,7 @@ impl HardIronStep {
 /// Finds a significant step of hard iron in the usable rows, starting from a correction that fits most of them.
 pub(super) fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronStep> {
     let usable: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
-    let row_stride = usable.len().div_ceil(MAX_SEARCHED_ROWS).max(1);
-    let usable: Vec<&ReplayRow> = usable.into_iter().step_by(row_stride).collect();
+    let usable = thinned(&usable, MAX_SEARCHED_ROWS);
     // A current that changes with a step would take it over.
     let fit_row = |row: &&ReplayRow| FitRow::new(row, false).less_interference(&initial.motor_ut_per_a);
     let unchanged: Vec<FitRow> = usable.iter().map(fit_row).collect();

@@ -5,7 +5,7 @@ use autoswing::frames::{Field, Level, RollPitch};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::log::{FieldCorrection, symmetric_matrix};
-use crate::numbers::square;
+use crate::numbers::{square, thinned};
 use crate::replay::row::{ReplayRow, heading_deg};
 use crate::score::wrap_180;
 
@@ -110,18 +110,13 @@ impl SymmetricFit<'_> {
     }
 
     fn fitted_rows(&self) -> Vec<FittedRow> {
-        let row_stride = self.rows.iter().filter(|row| row.is_usable).count().div_ceil(MAX_ROWS).max(1);
-        let mut fitted: Vec<FittedRow> = self
-            .rows
-            .iter()
-            .filter(|row| row.is_usable)
-            .step_by(row_stride)
-            .map(|row| FittedRow {
-                row: row.in_rotated_axes(&self.mounting),
-                heading_deg: heading_deg(row, row.corrected_field(&self.full_correction)),
-                root_weight: 1.0,
-            })
-            .collect();
+        let usable: Vec<&ReplayRow> = self.rows.iter().filter(|row| row.is_usable).collect();
+        let fitted_row = |row: &ReplayRow| FittedRow {
+            row: row.in_rotated_axes(&self.mounting),
+            heading_deg: heading_deg(row, row.corrected_field(&self.full_correction)),
+            root_weight: 1.0,
+        };
+        let mut fitted: Vec<FittedRow> = thinned(&usable, MAX_ROWS).into_iter().map(fitted_row).collect();
         let normal_flight_rows = self.rows_of_normal_flight();
         let root_weight = (fitted.len() as f64 / normal_flight_rows.len().max(1) as f64).sqrt();
         fitted.extend(
