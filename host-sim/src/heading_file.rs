@@ -40,7 +40,7 @@ pub fn write_headings(path: &Path, flight: &LoggedFlight, compass: Option<&Compa
     let rows: Vec<Option<usize>> = stamps_s.iter().map(|stamp_s| nearest_row(*stamp_s)).collect();
     let mut readings = vec![0_u32; headings.len()];
     rows.iter().flatten().for_each(|index| readings[*index] += 1);
-    let is_refused = module.acceptance.is_err();
+    let is_refused = module.outcome.acceptance.is_err();
     let missing_status = if is_refused { NoHeading::Uncalibrated.stable_code() } else { "left-out" };
     for (stamp_s, index) in stamps_s.iter().zip(rows) {
         let Some(index) = index else {

@@ -53,7 +53,7 @@ fn a_field_logged_at_1_hz_gives_the_same_headings() {
             let (score, smoothed_score) =
                 (module_score(&evaluation.compasses[0]), module_result.smoothed_score.unwrap());
             let about = format!("seed {seed}, 1 of {stride}: {score:?} {smoothed_score:?}");
-            assert_eq!(module_result.acceptance, Ok(()), "{about}");
+            assert_eq!(module_result.outcome.acceptance, Ok(()), "{about}");
             assert!(score.rms_deg < max_rms_deg(&world), "{about}");
             // Smoothing integrates the rates between rows; a gyro of class `gyro-1` may cost a tenth of a degree.
             assert!(smoothed_score.rms_deg < score.rms_deg + 0.1, "{about}");

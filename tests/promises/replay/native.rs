@@ -58,7 +58,7 @@ fn a_native_log_gives_heading_and_field_latency() {
         let name = flight.log_format.format_name();
         let most_s = 2.5 * compass.latency.sigma_s.unwrap();
         assert!((compass.latency.used_s - age_s).abs() < most_s.max(0.01), "{name}: {:?}", compass.latency);
-        assert_eq!(module_result(&compass).acceptance, Ok(()), "{name}");
+        assert_eq!(module_result(&compass).outcome.acceptance, Ok(()), "{name}");
         let module_score = module_score(&compass);
         assert!(module_score.rms_deg < max_rms_deg(&world), "{name}: {module_score:?}");
         if let Some(as_logged) = compass.score_by(CorrectionSource::Autopilot) {
@@ -103,8 +103,8 @@ fn motor_current_interference_is_estimated() {
         let mut recording = record_flight(&world, 0.05);
         recording.samples.iter_mut().for_each(|sample| sample.current_a *= sign);
         let (_, compass) = evaluate_compass(&write(&recording));
-        assert_eq!(module_result(&compass).acceptance, Ok(()), "seed {seed}");
-        let interference = module_result(&compass).solution.unwrap().calibration.motor_current;
+        assert_eq!(module_result(&compass).outcome.acceptance, Ok(()), "seed {seed}");
+        let interference = module_result(&compass).outcome.solution.unwrap().calibration.motor_current;
         for (estimated_ut_per_a, added_field_ut) in interference.ut_per_a.iter().zip(world.current_interference_ut) {
             let estimate_error = f64::from(*estimated_ut_per_a) - added_field_ut / CRUISE_CURRENT_A;
             let limit = 4.0 * f64::from(interference.sigma_ut_per_a) + 0.01;

@@ -76,7 +76,7 @@ fn all_rows_and_turns_alone_give_the_heading() {
         let rows = recorded_turns(&world, 3.0);
         for selection in [RowSelection::All, RowSelection::Turns] {
             let replay_result = replay_selection(&rows, selection);
-            assert_eq!(replay_result.acceptance, Ok(()), "seed {seed} {selection:?}");
+            assert_eq!(replay_result.outcome.acceptance, Ok(()), "seed {seed} {selection:?}");
             let score = replay_result.score.unwrap();
             assert!(score.rms_deg < max_rms_deg(&world), "seed {seed} {selection:?}: {score:?}");
             assert!(score.mean_deg.abs() < 0.5, "seed {seed} {selection:?}: {score:?}");
@@ -111,15 +111,21 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     let rows = recorded_turns(&WorldConfig::of_table1(1), 3.0);
     let until = |end_s: f64| -> Vec<ReplayRow> { rows.iter().filter(|row| row.t_s < end_s).copied().collect() };
     for selection in [RowSelection::All, RowSelection::Turns] {
-        assert!(replay_selection(&until(14.0), selection).acceptance.is_err(), "a steady course, {selection:?}");
+        assert!(
+            replay_selection(&until(14.0), selection).outcome.acceptance.is_err(),
+            "a steady course, {selection:?}"
+        );
     }
     let early_result = replay_selection(&until(25.0), RowSelection::Turns);
-    assert!(matches!(early_result.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.acceptance);
+    assert!(matches!(early_result.outcome.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.outcome.acceptance);
     assert!(early_result.headings.is_empty() && early_result.score.is_none());
-    let with_inclination = replay_rows(&rows, RowSelection::Turns, &configured_inclination(54.0)).solution.unwrap();
+    let with_inclination =
+        replay_rows(&rows, RowSelection::Turns, &configured_inclination(54.0)).outcome.solution.unwrap();
     assert!((with_inclination.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
     let all_rows_result = replay_selection(&rows, RowSelection::All);
-    assert!(all_rows_result.fitted_count > replay_selection(&until(35.0), RowSelection::All).fitted_count);
+    assert!(
+        all_rows_result.outcome.fitted_count > replay_selection(&until(35.0), RowSelection::All).outcome.fitted_count
+    );
 }
 
 /// A straight leg and a third of a circle.
@@ -130,14 +136,14 @@ fn a_short_flight_is_refused_with_the_missing_manoeuvre_or_has_an_honest_expecte
         let rows = recorded_turns(&WorldConfig::random_world(seed), 0.0);
         for selection in [RowSelection::All, RowSelection::Turns] {
             let result = replay_selection(&rows, selection);
-            if let Err(refusal) = &result.acceptance {
+            if let Err(refusal) = &result.outcome.acceptance {
                 let is_inaccurate = refusal.stable_code() == "not-accurate";
                 inaccurate_count += usize::from(is_inaccurate);
                 let text = refusal.to_string();
                 let names_manoeuvre = text.starts_with("expected error ") && text.contains(" deg; missing: ");
                 assert!(!is_inaccurate || names_manoeuvre, "seed {seed} {selection:?}: {text}");
             } else {
-                let expected_deg = f64::from(result.solution.unwrap().quality.expected_rms_deg);
+                let expected_deg = f64::from(result.outcome.solution.unwrap().quality.expected_rms_deg);
                 let score = result.score.unwrap();
                 let error_deg = score.rms_deg.hypot(score.mean_deg);
                 assert!(error_deg < 1.0 + 3.0 * expected_deg, "seed {seed} {selection:?}: {score:?}, {expected_deg}");
@@ -161,13 +167,13 @@ fn a_changing_hard_iron_is_refused_or_in_the_expected_error() {
         ] {
             let rows = recorded_turns_with_hard_iron(&world, 3.0, iron_ut);
             let replay_result = replay_selection(&rows, RowSelection::Turns);
-            match replay_result.acceptance {
+            match replay_result.outcome.acceptance {
                 Err(Refusal::Rejected(Rejection::IronChanged(_)) | Refusal::Solve(SolveError::HardIronChanged(_))) => {
                     refused += 1;
                 }
                 accepted => {
                     assert_eq!(accepted, Ok(()), "seed {seed} {name}");
-                    let solution = replay_result.solution.unwrap();
+                    let solution = replay_result.outcome.solution.unwrap();
                     assert!(solution.hard_iron_change.is_some(), "seed {seed} {name}");
                     let mut at_the_end = world;
                     at_the_end.airframe.hard_iron_ut += Vector3::from(iron_ut(205.0));
@@ -191,7 +197,7 @@ fn a_wrong_inclination_is_named() {
         let true_deg = world.earth.inclination_deg;
         for configured_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
             let prior = configured_inclination(configured_deg);
-            let refused = replay_rows(&rows, RowSelection::Turns, &prior).acceptance.unwrap_err();
+            let refused = replay_rows(&rows, RowSelection::Turns, &prior).outcome.acceptance.unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, configured {configured_deg}: {refused:?}");
             };
@@ -213,12 +219,12 @@ fn wrong_units_and_slow_rows_are_reported() {
             ReplayRow { attitude, ..row }
         })
         .collect();
-    let problem = |rows: &[ReplayRow]| match replay_selection(rows, RowSelection::Turns).acceptance {
+    let problem = |rows: &[ReplayRow]| match replay_selection(rows, RowSelection::Turns).outcome.acceptance {
         Err(Refusal::InsufficientSamples { cause: RefusalCause::CollectionProblem(problem), .. }) => problem,
         other => panic!("{other:?}"),
     };
     assert!(matches!(problem(&in_radians), CollectionProblem::NoTilt { .. }));
     let slow: Vec<ReplayRow> = rows.iter().step_by(10).copied().collect();
     assert!(matches!(problem(&slow), CollectionProblem::SampleIntervalTooLong { .. }));
-    assert_eq!(replay_selection(&rows, RowSelection::Turns).acceptance, Ok(()));
+    assert_eq!(replay_selection(&rows, RowSelection::Turns).outcome.acceptance, Ok(()));
 }

@@ -17,7 +17,7 @@ use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_paramete
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
 use crate::replay::result::{EarthFieldPrior, HeadingScore, ReplayResult, RowSelection};
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, split_at_time};
 use crate::replay::rows::{RowCounts, build_rows};
 
 /// Options of an evaluation.
@@ -260,10 +260,7 @@ impl SharedInputs<'_> {
         // On few headings, iron explains what a changed gain does.
         let suffice = |rows: &[ReplayRow]| yaw_sectors(self.flight, rows).suffice();
         let changed = suffice(rows).then(|| find_sensor_change(rows, &initial, &hard_iron_changes)).flatten();
-        let sensor_change = changed.filter(|change| {
-            let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < change.time_s));
-            suffice(before) && suffice(after)
-        });
+        let sensor_change = changed.filter(|change| split_at_time(rows, change.time_s).into_iter().all(suffice));
         if sensor_change.is_some() {
             // A changed sensor appears as iron and as a load, not only at its time: no fit of both parts is right.
             return FieldCauses { sensor_change, ..FieldCauses::default() };
@@ -304,7 +301,7 @@ impl CompassEvaluation {
     /// Time of the module's calibration on the log's clock, seconds; none if its collection did not end automatically.
     #[must_use]
     pub fn calibration_time_s(&self) -> Option<f64> {
-        Some(self.module_result.as_ref()?.collection_end_s? + self.rows.first()?.t_s)
+        Some(self.module_result.as_ref()?.outcome.collection_end_s? + self.rows.first()?.t_s)
     }
 
     /// The score with the correction from one source.

@@ -11,8 +11,8 @@ use autoswing_module::messages::{Message, Refusal};
 use autoswing_module::settings::Settings;
 use autoswing_module::store::StoredValues;
 
-use super::result::EarthFieldPrior;
-use super::row_solve::{RunOutcome, sample_time_s};
+use super::result::{CalibrationOutcome, EarthFieldPrior};
+use super::row_solve::sample_time_s;
 
 /// Arbitrary sensor identity, since samples are already averaged and nothing is stored.
 const PLACEHOLDER_SENSOR: Identity = Identity { model: MagnetometerModel::Lis3mdl, address: 0x1E };
@@ -26,7 +26,7 @@ pub struct ModuleRun<'a> {
     outcome: Option<Result<(), Refusal>>,
     ended_s: Option<f64>,
     /// The last collection that ended and was refused.
-    refused_run: Option<RunOutcome>,
+    refused_run: Option<CalibrationOutcome>,
 }
 
 impl<'a> ModuleRun<'a> {
@@ -82,7 +82,7 @@ impl<'a> ModuleRun<'a> {
 
     /// The module's result; a collection that has not ended is solved by command. If that is refused, too, the result
     /// is the last refusal of a collection that ended.
-    pub(super) fn into_outcome(mut self) -> RunOutcome {
+    pub(super) fn into_outcome(mut self) -> CalibrationOutcome {
         if self.outcome.is_none() {
             self.candidate = None;
             self.process_event(command_event(Command::CalSolve(None)));
@@ -91,9 +91,9 @@ impl<'a> ModuleRun<'a> {
         self.refused_run.take().filter(|_| outcome.acceptance.is_err()).unwrap_or(outcome)
     }
 
-    fn run_outcome(&self) -> RunOutcome {
+    fn run_outcome(&self) -> CalibrationOutcome {
         let [fit_samples, _] = self.compass.collector().selected_samples();
-        RunOutcome {
+        CalibrationOutcome {
             solution: self.candidate,
             acceptance: self.outcome.clone().unwrap_or(Err(Refusal::NoSamples)),
             fitted_count: fit_samples.all_samples().count(),

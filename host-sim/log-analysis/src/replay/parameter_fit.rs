@@ -5,9 +5,9 @@ use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
 use super::replay_run::solve_rows;
-use super::row_solve::{RunOutcome, is_determined, solved_correction};
+use super::row_solve::{is_determined, solved_correction};
 use crate::log::FieldCorrection;
-use crate::replay::result::EarthFieldPrior;
+use crate::replay::result::{CalibrationOutcome, EarthFieldPrior};
 use crate::replay::row::ReplayRow;
 
 /// Duration of the blocks of rows that are fitted or held back together, seconds: longer than the correlation of
@@ -131,7 +131,11 @@ fn is_motor_significant(solution: &Solution) -> bool {
 
 /// Solves rows in a mounting, or in that which they contradict it with. Noise can imitate a mounting, which is then not
 /// accepted.
-fn solve_in_any_mount(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> (Orientation, RunOutcome) {
+fn solve_in_any_mount(
+    rows: &[ReplayRow],
+    prior: &EarthFieldPrior,
+    mount: Orientation,
+) -> (Orientation, CalibrationOutcome) {
     let outcome = solve_rows(rows, prior, mount);
     if let Err(Refusal::Solve(SolveError::MountContradicted { found })) = outcome.acceptance {
         let turned = solve_rows(rows, prior, found);

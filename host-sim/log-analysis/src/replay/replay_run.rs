@@ -6,10 +6,10 @@ use autoswing::collection::RetainedSamples;
 use autoswing::instrument::{Instrument, InstrumentConfig};
 
 use super::module_run::ModuleRun;
-use super::result::{EarthFieldPrior, HeadingRow, ReplayResult, RowSelection};
+use super::result::{CalibrationOutcome, EarthFieldPrior, HeadingRow, ReplayResult, RowSelection};
 use super::row::ReplayRow;
 use super::row_headings::{compute_headings, estimate_heading, instrument_config, score_rows};
-use super::row_solve::{RunOutcome, is_determined, solve_evenly_thinned, solve_retained_samples, solver_prior};
+use super::row_solve::{is_determined, solve_evenly_thinned, solve_retained_samples, solver_prior};
 use crate::log::LoggedFlight;
 
 /// Replays rows, in order of time, without attitudes between them.
@@ -27,20 +27,20 @@ pub fn replay_rows_of_flight(
 ) -> ReplayResult {
     let config = instrument_config(rows);
     let usable = samples_of_usable_rows(rows, config);
-    let run_outcome = match selection {
+    let outcome = match selection {
         RowSelection::All => solve_evenly_thinned(&usable, &solver_prior(prior, config)),
         RowSelection::Turns => calibrate_module(&usable, Procedure::Turns, prior, config),
         RowSelection::Flight => calibrate_module(&usable, Procedure::Flight, prior, config),
     };
-    let RunOutcome { solution, acceptance, fitted_count, collection_end_s } = run_outcome;
-    let headings = solution.as_ref().map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
+    let solution = outcome.solution.as_ref();
+    let headings = solution.map_or_else(Vec::new, |solution| compute_headings(rows, flight, solution, config));
     let scored_headings = |heading: fn(&HeadingRow) -> [f64; 2]| {
         let mut remaining_headings = headings.iter().map(heading);
         score_rows(rows, |_| remaining_headings.next().map(|[heading_deg, sigma_deg]| (heading_deg, sigma_deg)))
     };
-    let (raw, smooth) =
-        (scored_headings(|row| [row.heading_deg, row.sigma_deg]), scored_headings(HeadingRow::sent_and_sigma_deg));
-    ReplayResult { solution, acceptance, fitted_count, collection_end_s, headings, score: raw, smoothed_score: smooth }
+    let score = scored_headings(|row| [row.heading_deg, row.sigma_deg]);
+    let smoothed_score = scored_headings(HeadingRow::sent_and_sigma_deg);
+    ReplayResult { outcome, headings, score, smoothed_score }
 }
 
 /// The module's calibration from samples that it collects by a procedure.
@@ -49,7 +49,7 @@ fn calibrate_module(
     procedure: Procedure,
     prior: &EarthFieldPrior,
     config: InstrumentConfig,
-) -> RunOutcome {
+) -> CalibrationOutcome {
     let mut retained = RetainedSamples::EMPTY;
     let mut module = ModuleRun::new(procedure, prior, config.readings_per_sample(), &mut retained);
     module.collect_samples(samples);
@@ -64,7 +64,7 @@ pub(super) fn solve_all_rows(rows: &[ReplayRow]) -> Option<Solution> {
 /// Solves the usable rows of a sensor in a mounting, evenly thinned, and evaluates whether the module would accept the
 /// result. Where that fails, as in flights that are mostly straight, solves the samples that the module would retain of
 /// all of them.
-pub(super) fn solve_rows(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> RunOutcome {
+pub(super) fn solve_rows(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Orientation) -> CalibrationOutcome {
     let config = instrument_config(rows);
     let (samples, prior) = (samples_of_usable_rows(rows, config), Prior { mount, ..solver_prior(prior, config) });
     more_certain_outcome(solve_evenly_thinned(&samples, &prior), || solve_retained_samples(&samples, &prior))
@@ -72,11 +72,14 @@ pub(super) fn solve_rows(rows: &[ReplayRow], prior: &EarthFieldPrior, mount: Ori
 
 /// The outcome with the smaller expected error; the alternative is solved only if the flight does not determine the first
 /// one.
-fn more_certain_outcome(first: RunOutcome, alternative: impl FnOnce() -> RunOutcome) -> RunOutcome {
+fn more_certain_outcome(
+    first: CalibrationOutcome,
+    alternative: impl FnOnce() -> CalibrationOutcome,
+) -> CalibrationOutcome {
     if first.solution.as_ref().is_some_and(is_determined) {
         return first;
     }
-    let expected_error_deg = |outcome: &RunOutcome| {
+    let expected_error_deg = |outcome: &CalibrationOutcome| {
         outcome.solution.as_ref().map_or(f32::INFINITY, |solution| solution.quality.expected_rms_deg)
     };
     let alternative = alternative();
@@ -102,11 +105,11 @@ mod tests {
     use crate::replay::tests::compass_of_flown_turns;
 
     /// An outcome with an expected error, or without a solution if the error is infinite.
-    fn outcome(expected_deg: f32) -> RunOutcome {
+    fn outcome(expected_deg: f32) -> CalibrationOutcome {
         let mut solution = *compass_of_flown_turns().1.parameter_fit.solution().unwrap();
         solution.quality.expected_rms_deg = expected_deg;
         let solution = expected_deg.is_finite().then_some(solution);
-        RunOutcome { solution, acceptance: Ok(()), fitted_count: 0, collection_end_s: None }
+        CalibrationOutcome { solution, acceptance: Ok(()), fitted_count: 0, collection_end_s: None }
     }
 
     /// Poor is over 2 deg.

@@ -82,9 +82,9 @@ pub struct HeadingScore {
     pub within_sigmas_percent: [f64; 2],
 }
 
-/// Result of a replay.
+/// Outcome of a calibration by the rows of a log.
 #[derive(Clone, Debug)]
-pub struct ReplayResult {
+pub struct CalibrationOutcome {
     /// The solution, if any.
     pub solution: Option<Solution>,
     /// Whether the module would have accepted the solution; otherwise the reason, with what the flight lacked.
@@ -93,6 +93,13 @@ pub struct ReplayResult {
     pub fitted_count: usize,
     /// Time of the automatic end, seconds after the first row.
     pub collection_end_s: Option<f64>,
+}
+
+/// Result of a replay.
+#[derive(Clone, Debug)]
+pub struct ReplayResult {
+    /// Outcome of the calibration.
+    pub outcome: CalibrationOutcome,
     /// Headings, one for each row; empty without a solution.
     pub headings: Vec<HeadingRow>,
     /// Score of the heading, with a reference.

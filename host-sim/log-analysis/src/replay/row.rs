@@ -78,6 +78,11 @@ impl ReplayRow {
     }
 }
 
+/// Rows before a time, and from it on, seconds.
+pub(super) fn split_at_time(rows: &[ReplayRow], t_s: f64) -> [&[ReplayRow]; 2] {
+    rows.split_at(rows.partition_point(|row| row.t_s < t_s)).into()
+}
+
 /// Heading of a row by a corrected field, degrees.
 pub(crate) fn heading_deg(row: &ReplayRow, corrected: Vector3<f64>) -> f64 {
     let field: Field<Body> = Field::new(corrected.map(|axis| axis as f32));

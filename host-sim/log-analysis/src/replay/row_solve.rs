@@ -10,22 +10,13 @@ use autoswing::instrument::InstrumentConfig;
 use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
 
-use super::result::EarthFieldPrior;
+use super::result::{CalibrationOutcome, EarthFieldPrior};
 use crate::log::FieldCorrection;
 use crate::score::{GOOD_COMPASS_RMS_DEG, accepted_by_uncalibrated};
 
-/// Result of a run: the solution, whether the module accepts it, the number of fitted samples, and the time of the
-/// automatic end in seconds.
-pub(super) struct RunOutcome {
-    pub solution: Option<Solution>,
-    pub acceptance: Result<(), Refusal>,
-    pub fitted_count: usize,
-    pub collection_end_s: Option<f64>,
-}
-
-impl RunOutcome {
+impl CalibrationOutcome {
     /// Outcome of a solve of samples that were selected without the module.
-    fn new(
+    fn of_solve(
         solve_result: &Result<Solution, SolveError>,
         [fit, held_back]: [Samples<'_>; 2],
         collection_problem: Option<CollectionProblem>,
@@ -76,7 +67,7 @@ pub(super) fn solver_prior(prior: &EarthFieldPrior, config: InstrumentConfig) ->
 }
 
 /// Solves the samples that a collection in flight retains of all, with the device's choice of method.
-pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> RunOutcome {
+pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> CalibrationOutcome {
     let procedure = Procedure::Flight;
     let mut retained = RetainedSamples::EMPTY;
     let mut collector = Collector::new(&mut retained);
@@ -87,15 +78,15 @@ pub(super) fn solve_retained_samples(samples: &[Sample], prior: &Prior) -> RunOu
     let parts = collector.selected_samples();
     let solve_result = method_selection::select_method(collector.fit_samples(), procedure)
         .and_then(|method| solve_samples(method, parts[0], prior));
-    RunOutcome::new(&solve_result, parts, collector.collection_problem())
+    CalibrationOutcome::of_solve(&solve_result, parts, collector.collection_problem())
 }
 
 /// Solves evenly thinned samples.
-pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> RunOutcome {
+pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> CalibrationOutcome {
     let [fit, held_back] = thin_evenly(samples).map(|samples| assign_collection_parts(&samples));
     let [fit, held_back] = [&fit, &held_back].map(|samples| Samples::new(samples));
     let solve_result = solve_samples(Method::MaximumLikelihood, fit, prior);
-    RunOutcome::new(&solve_result, [fit, held_back], None)
+    CalibrationOutcome::of_solve(&solve_result, [fit, held_back], None)
 }
 
 /// Samples to fit, evenly thinned to the device's capacity, and samples to hold back, halfway between them. Fewer samples

@@ -15,7 +15,7 @@ use super::row_solve::solved_correction;
 use super::{data_loss, rows};
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::median;
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, split_at_time};
 use crate::replay::row_headings::is_monitored;
 use turn_confirmation::is_change_possible;
 
@@ -67,11 +67,10 @@ pub fn find_changes(
     initial: &FieldCorrection,
     total_ut: f64,
 ) -> Vec<LoggedHardIronChange> {
-    let search = ChangeSearch { flight, total_ut };
-    let (mut found, correction) = search.refined_jumps(rows, initial);
+    let (mut found, correction) = refined_jumps(rows, flight, initial);
     for part in split_at_changes(rows, &found) {
         let solution = if found.is_empty() { None } else { solve_all_rows(part).filter(is_accurate) };
-        find_steps(&search, part, &solution.as_ref().map_or(correction, solved_correction), &mut found);
+        find_steps(part, &solution.as_ref().map_or(correction, solved_correction), total_ut, &mut found);
     }
     found.sort_by(|a, b| a.hard_iron_step.time_s.total_cmp(&b.hard_iron_step.time_s));
     if found.is_empty() {
@@ -86,37 +85,23 @@ pub fn find_changes(
     (0..found.len()).filter(|index| is_possible(*index)).map(|index| found[index]).collect()
 }
 
-struct ChangeSearch<'a> {
-    flight: &'a LoggedFlight,
-    total_ut: f64,
-}
-
-fn find_steps(
-    search: &ChangeSearch<'_>,
-    rows: &[ReplayRow],
-    initial: &FieldCorrection,
-    changes: &mut Vec<LoggedHardIronChange>,
-) {
+fn find_steps(rows: &[ReplayRow], initial: &FieldCorrection, total_ut: f64, changes: &mut Vec<LoggedHardIronChange>) {
     if changes.len() >= MAX_CHANGES {
         return;
     }
-    let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < search.total_ut) else { return };
-    let split = |step: &HardIronStep| {
-        let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.time_s));
-        [before, after]
-    };
-    let solutions = split(&step).map(solve_all_rows);
+    let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < total_ut) else { return };
+    let solutions = split_at_time(rows, step.time_s).map(solve_all_rows);
     // The initial correction fits the rows neither before nor after the change; from a fit to one side, the estimated
     // step converges to its full size.
     let best_solution =
         solutions.iter().flatten().min_by(|a, b| expected_error_deg(a).total_cmp(&expected_error_deg(b)));
     let step = best_solution.and_then(|solution| find_step(rows, &solved_correction(solution))).unwrap_or(step);
-    let parts = split(&step);
+    let parts = split_at_time(rows, step.time_s);
     let Some(heading_effect_deg) = confirmed_heading_effect_deg(&step, parts, &solutions) else { return };
     changes.push(LoggedHardIronChange { hard_iron_step: step, heading_effect_deg });
     for (part, solution) in parts.into_iter().zip(&solutions) {
         if let Some(solution) = solution {
-            find_steps(search, part, &solved_correction(solution), changes);
+            find_steps(part, &solved_correction(solution), total_ut, changes);
         }
     }
 }
@@ -134,7 +119,7 @@ fn split_at_times(rows: &[ReplayRow], times_s: impl Iterator<Item = f64>) -> Vec
     let mut rest = rows;
     let mut parts: Vec<&[ReplayRow]> = times_s
         .map(|at_s| {
-            let (before, after) = rest.split_at(rest.partition_point(|row| row.t_s < at_s));
+            let [before, after] = split_at_time(rest, at_s);
             rest = after;
             before
         })
@@ -147,49 +132,47 @@ fn split_at_changes<'rows>(rows: &'rows [ReplayRow], changes: &[LoggedHardIronCh
     split_at_times(rows, changes.iter().map(|change| change.hard_iron_step.time_s))
 }
 
-impl ChangeSearch<'_> {
-    /// Jumps that affect headings, each refined by a step of the rows around it, and the correction used to find them,
-    /// fitted to the best observed part between jumps.
-    fn refined_jumps(
-        &self,
-        rows: &[ReplayRow],
-        initial: &FieldCorrection,
-    ) -> (Vec<LoggedHardIronChange>, FieldCorrection) {
-        let has_rates = data_loss::has_integrable_rates(self.flight);
-        if !has_rates || !rows::median_step_s(rows).is_some_and(is_monitored) {
-            return (Vec::new(), *initial);
-        }
-        let parts = split_at_times(rows, find_jump_times_s(rows, initial).into_iter());
-        let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_accurate)?)));
-        let Some((fitted, solution)) =
-            solved.min_by(|(_, a), (_, b)| expected_error_deg(a).total_cmp(&expected_error_deg(b)))
-        else {
-            return (Vec::new(), *initial);
-        };
-        let correction = solved_correction(&solution);
-        let fitted_range_s = fitted.first().zip(fitted.last()).map_or([0.0; 2], |(first, last)| [first.t_s, last.t_s]);
-        let refined_jumps = find_jumps(
-            rows,
-            &FittedCorrection {
-                correction,
-                fitted_range_s,
-                earth_total_and_vertical_ut: earth_total_and_vertical_ut(&solution),
-            },
-        );
-        if refined_jumps.len() > MAX_CHANGES {
-            return (Vec::new(), *initial);
-        }
-        let parts = split_at_times(rows, refined_jumps.iter().map(|jump| jump.time_s));
-        let changes = refined_jumps.iter().enumerate().filter_map(|(i, jump)| {
-            let around = [parts[i], parts[i + 1]].concat();
-            let step = find_step(&around, &correction).filter(|step| is_same_change(step, jump)).unwrap_or(*jump);
-            let heading_effect_deg = step_effect_deg(&step, &solution)?;
-            Some(LoggedHardIronChange { hard_iron_step: step, heading_effect_deg })
-        });
-        let changes: Vec<LoggedHardIronChange> = changes.collect();
-        let correction = if changes.is_empty() { *initial } else { correction };
-        (changes, correction)
+/// Jumps that affect headings, each refined by a step of the rows around it, and the correction used to find them,
+/// fitted to the best observed part between jumps.
+fn refined_jumps(
+    rows: &[ReplayRow],
+    flight: &LoggedFlight,
+    initial: &FieldCorrection,
+) -> (Vec<LoggedHardIronChange>, FieldCorrection) {
+    let has_rates = data_loss::has_integrable_rates(flight);
+    if !has_rates || !rows::median_step_s(rows).is_some_and(is_monitored) {
+        return (Vec::new(), *initial);
     }
+    let parts = split_at_times(rows, find_jump_times_s(rows, initial).into_iter());
+    let solved = parts.into_iter().filter_map(|part| Some((part, solve_all_rows(part).filter(is_accurate)?)));
+    let Some((fitted, solution)) =
+        solved.min_by(|(_, a), (_, b)| expected_error_deg(a).total_cmp(&expected_error_deg(b)))
+    else {
+        return (Vec::new(), *initial);
+    };
+    let correction = solved_correction(&solution);
+    let fitted_range_s = fitted.first().zip(fitted.last()).map_or([0.0; 2], |(first, last)| [first.t_s, last.t_s]);
+    let refined_jumps = find_jumps(
+        rows,
+        &FittedCorrection {
+            correction,
+            fitted_range_s,
+            earth_total_and_vertical_ut: earth_total_and_vertical_ut(&solution),
+        },
+    );
+    if refined_jumps.len() > MAX_CHANGES {
+        return (Vec::new(), *initial);
+    }
+    let parts = split_at_times(rows, refined_jumps.iter().map(|jump| jump.time_s));
+    let changes = refined_jumps.iter().enumerate().filter_map(|(i, jump)| {
+        let around = [parts[i], parts[i + 1]].concat();
+        let step = find_step(&around, &correction).filter(|step| is_same_change(step, jump)).unwrap_or(*jump);
+        let heading_effect_deg = step_effect_deg(&step, &solution)?;
+        Some(LoggedHardIronChange { hard_iron_step: step, heading_effect_deg })
+    });
+    let changes: Vec<LoggedHardIronChange> = changes.collect();
+    let correction = if changes.is_empty() { *initial } else { correction };
+    (changes, correction)
 }
 
 /// Effect of a step on a level heading, degrees, if it is significant and confirmed: under the calibration of the better

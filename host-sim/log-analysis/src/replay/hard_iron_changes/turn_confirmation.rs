@@ -7,7 +7,7 @@ use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::flown_headings::{HeadingSectors, yaw_sectors};
 use crate::replay::hard_iron_step::HardIronStep;
-use crate::replay::row::{ReplayRow, heading_deg};
+use crate::replay::row::{ReplayRow, heading_deg, split_at_time};
 use crate::score::wrap_180;
 
 /// Time before and after a change in which the jump is searched, seconds.
@@ -32,8 +32,7 @@ pub(super) fn is_change_possible(
     step: &HardIronStep,
     initial: &FieldCorrection,
 ) -> bool {
-    let (before, after) = rows.split_at(rows.partition_point(|row| row.t_s < step.time_s));
-    let sectors = [before, after].map(|side| yaw_sectors(flight, side));
+    let sectors = split_at_time(rows, step.time_s).map(|side| yaw_sectors(flight, side));
     if sectors.iter().all(HeadingSectors::suffice) {
         return true;
     }

@@ -18,14 +18,10 @@ use nalgebra::{Matrix3, SVD, Vector3};
 use self::orientation::{ExportedOrientation, FixedOrientation, OrientationKind, OrientationParameters, TurnedSensor};
 use self::symmetric_fit::SymmetricFit;
 use crate::log::{FieldCorrection, LoggedFlight};
-use crate::numbers::square;
+use crate::numbers::{mean, rms};
 use crate::replay::row::{ReplayRow, heading_deg};
 use crate::replay::row_solve::calibrated_correction;
-use crate::score::wrap_180;
-
-/// Largest heading difference to the full solution with which the simplest orientation is kept, degrees RMS with its
-/// mean: that of a good compass.
-const MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG: f64 = 2.0;
+use crate::score::{GOOD_COMPASS_RMS_DEG, wrap_180};
 
 /// Inputs that all exports of a compass share.
 #[derive(Clone, Copy)]
@@ -41,7 +37,8 @@ pub(super) struct ExportInputs<'a> {
 }
 
 impl ExportInputs<'_> {
-    /// Exports a calibration with the simplest orientation that loses little, else with that which loses least.
+    /// Exports a calibration with the simplest orientation that loses no more than the error of a good compass, else with
+    /// that which loses least.
     pub fn export_simplest(&self, calibration: &Calibration) -> Option<(OrientationKind, ExportedCorrection)> {
         let mut best: Option<(OrientationKind, ExportedCorrection)> = None;
         let kinds = if self.terms == CorrectedTerms::All {
@@ -54,7 +51,7 @@ impl ExportInputs<'_> {
             if best.as_ref().is_none_or(|(_, best)| export.total_loss_deg() < best.total_loss_deg()) {
                 best = Some((kind, export));
             }
-            if best.as_ref().is_some_and(|(_, best)| best.total_loss_deg() <= MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG) {
+            if best.as_ref().is_some_and(|(_, best)| best.total_loss_deg() <= GOOD_COMPASS_RMS_DEG) {
                 break;
             }
         }
@@ -68,7 +65,7 @@ impl ExportInputs<'_> {
         kind: OrientationKind,
         export: &ExportedCorrection,
     ) -> Option<TurnedSensor> {
-        let is_small = export.total_loss_deg() <= MAX_LOSS_OF_SIMPLE_ORIENTATION_DEG;
+        let is_small = export.total_loss_deg() <= GOOD_COMPASS_RMS_DEG;
         if is_small || kind == OrientationKind::Custom || self.terms != CorrectedTerms::All {
             return None;
         }
@@ -169,10 +166,8 @@ fn heading_loss_deg_of(
             wrap_180(exported_deg - heading_deg(row, row.corrected_field(full_correction)))
         })
         .collect();
-    let row_count = differences.len().max(1) as f64;
-    let mean = differences.iter().sum::<f64>() / row_count;
-    let squares = differences.iter().map(|difference| square(difference - mean)).sum::<f64>();
-    [(squares / row_count).sqrt(), mean]
+    let mean_deg = mean(differences.iter().copied());
+    [rms(differences.iter().map(|difference| difference - mean_deg)), mean_deg]
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ pub(crate) static FLOWN_TURNS: LazyLock<(LoggedFlight, FlightEvaluation)> = Lazy
 pub(super) fn compass_of_flown_turns() -> (LoggedFlight, CompassEvaluation) {
     let (flight, evaluation) = FLOWN_TURNS.clone();
     let compass = evaluation.compasses[0].clone();
-    assert_eq!(module_of(&compass).acceptance, Ok(()));
+    assert_eq!(module_of(&compass).outcome.acceptance, Ok(()));
     (flight, compass)
 }
 
@@ -198,8 +198,8 @@ fn a_configured_inclination_is_used_by_the_solver_and_its_trial_solves() {
             let inclination_deg = Some(flown_inclination_deg(&compass) + off_deg);
             let prior = EarthFieldPrior { inclination_deg, place_and_day: None };
             let result = replay_rows(&compass.rows, selected, &prior);
-            assert_eq!(result.acceptance.is_ok(), is_accepted, "{selected:?} {off_deg}");
-            let is_ended_by_module = selected == RowSelection::Flight && result.collection_end_s.is_some();
+            assert_eq!(result.outcome.acceptance.is_ok(), is_accepted, "{selected:?} {off_deg}");
+            let is_ended_by_module = selected == RowSelection::Flight && result.outcome.collection_end_s.is_some();
             assert_eq!(is_ended_by_module, selected == RowSelection::Flight && is_accepted, "{selected:?} {off_deg}");
         }
     }
@@ -225,7 +225,8 @@ fn a_contradicted_model_inclination_is_dropped() {
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = EarthFieldPrior::default();
         let run_replay = |prior: EarthFieldPrior| replay_rows(&compass.rows, selected, &prior);
-        let expected_deg = |replay_result: &ReplayResult| replay_result.solution.unwrap().quality.expected_rms_deg;
+        let expected_deg =
+            |replay_result: &ReplayResult| replay_result.outcome.solution.unwrap().quality.expected_rms_deg;
         let [there, elsewhere] = [0.0, 12.0].map(|off_deg| EarthFieldPrior {
             place_and_day: Some(place_with_inclination(found_deg + off_deg)),
             ..without_place
@@ -236,11 +237,11 @@ fn a_contradicted_model_inclination_is_dropped() {
         );
         let (with, without) = (run_replay(elsewhere), run_replay(without_place));
         assert_eq!(
-            (with.acceptance.clone(), with.collection_end_s, expected_deg(&with)),
-            (Ok(()), without.collection_end_s, expected_deg(&without)),
+            (with.outcome.acceptance.clone(), with.outcome.collection_end_s, expected_deg(&with)),
+            (Ok(()), without.outcome.collection_end_s, expected_deg(&without)),
             "{selected:?}"
         );
         let by_person = run_replay(EarthFieldPrior { inclination_deg: Some(found_deg + 12.0), ..there });
-        assert!(by_person.acceptance.is_err(), "{selected:?}");
+        assert!(by_person.outcome.acceptance.is_err(), "{selected:?}");
     }
 }

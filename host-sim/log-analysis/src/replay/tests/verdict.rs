@@ -123,7 +123,10 @@ fn reports_contain_the_numbers_of_the_evaluation() {
     let expected_rms_deg = |solution: &Solution| decimals(f64::from(solution.quality.expected_rms_deg));
     assert_eq!(object["fit"]["expected_rms_deg"], expected_rms_deg(compass.parameter_fit.solution().unwrap()));
     assert_eq!(object["fit"]["by_current"]["mean_a"], 12.34);
-    assert_eq!(object["module"]["fit"]["expected_rms_deg"], expected_rms_deg(&module_of(compass).solution.unwrap()));
+    assert_eq!(
+        object["module"]["fit"]["expected_rms_deg"],
+        expected_rms_deg(&module_of(compass).outcome.solution.unwrap())
+    );
     assert_eq!(object["field_age_ms"], 46.3);
     assert_eq!(object["parameters"]["heading_rms_deg"], decimals(held_back_deg));
     let uncorrected = &object["headings"][0]["against_reference"];

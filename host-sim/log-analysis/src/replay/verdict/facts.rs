@@ -136,7 +136,7 @@ fn add_solution_facts(solution: &Solution, add_fact: &mut dyn FnMut(&str, String
 
 /// Whether and when the module would have calibrated a compass, a phrase; none if no module is compared.
 fn module_outcome(compass: &CompassEvaluation) -> Option<String> {
-    let outcome = match (&compass.module_result.as_ref()?.acceptance, compass.calibration_time_s()) {
+    let outcome = match (&compass.module_result.as_ref()?.outcome.acceptance, compass.calibration_time_s()) {
         (Err(refusal), _) => format!("would have been refused: {}: {refusal}", refusal.stable_code()),
         (Ok(()), Some(at_s)) => format!("would have calibrated itself at {} s of the log", format_number(at_s, 0)),
         (Ok(()), None) => "would have calibrated by a command at the end".to_owned(),

@@ -121,14 +121,14 @@ impl CompassVerdict<'_> {
     }
 
     fn module_json(&self, result: &ReplayResult) -> Value {
-        let refusal = result.acceptance.as_ref().err();
+        let refusal = result.outcome.acceptance.as_ref().err();
         json!({
             "accepted": refusal.is_none(),
             "refusal": refusal.map(|refusal| json!({ "code": refusal.stable_code(), "words": refusal.to_string() })),
             "calibrated_s": self.evaluation.calibration_time_s().map(|s| round_to(s, 1)),
             "sent_percent": self.sent_percent().map(|percent| round_to(percent, 1)),
-            "samples": result.fitted_count,
-            "fit": result.solution.as_ref().map(solution_json),
+            "samples": result.outcome.fitted_count,
+            "fit": result.outcome.solution.as_ref().map(solution_json),
             "smooth": result.smoothed_score.as_ref().map(score_json),
         })
     }

@@ -189,7 +189,7 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     let calibrated =
         compass.calibration_time_s().zip(compass.module_result.as_ref()).map(|(time_s, module)| EventMark {
             time_s,
-            event_name: if module.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
+            event_name: if module.outcome.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
                 .to_owned(),
         });
     let changed =

@@ -19,7 +19,8 @@ fn fact(report: &Report, name_wanted: &str) -> Option<String> {
 #[test]
 fn a_refused_calibration_is_labelled_as_refused() {
     let automatic = report_after_change(|_, _| {});
-    let refused = report_after_change(|_, verdict| module_mut(&mut verdict.compasses[0]).acceptance = REFUSED_SOLVE);
+    let refused =
+        report_after_change(|_, verdict| module_mut(&mut verdict.compasses[0]).outcome.acceptance = REFUSED_SOLVE);
     for (report, mark, expected_text) in [
         (&automatic, "would have calibrated", "would have calibrated itself at"),
         (&refused, "would have solved", "would have been refused: not-converged"),
@@ -28,7 +29,8 @@ fn a_refused_calibration_is_labelled_as_refused() {
         assert_eq!(compass.event_marks[0].event_name, mark);
         assert!(fact(report, "module").unwrap().starts_with(expected_text), "{:?}", compass.facts);
     }
-    let on_request = report_after_change(|_, verdict| module_mut(&mut verdict.compasses[0]).collection_end_s = None);
+    let on_request =
+        report_after_change(|_, verdict| module_mut(&mut verdict.compasses[0]).outcome.collection_end_s = None);
     assert!(on_request.compasses[0].event_marks.is_empty());
     assert_eq!(fact(&on_request, "module").unwrap(), "would have calibrated by a command at the end");
 }
@@ -40,7 +42,7 @@ fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         // 30 s of the log precede the first row.
         compass.rows.drain(..300);
         let at_s = compass.rows[0].t_s + 50.0;
-        module_mut(compass).collection_end_s = Some(90.0);
+        module_mut(compass).outcome.collection_end_s = Some(90.0);
         let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
         compass.causes.hard_iron_changes =
             vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
