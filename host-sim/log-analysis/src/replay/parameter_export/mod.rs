@@ -69,7 +69,7 @@ impl ExportInputs<'_> {
         if is_small || kind == OrientationKind::Custom || self.terms != CorrectedTerms::All {
             return None;
         }
-        let reason = self.orientation.and_then(|parameters| parameters.custom_rotation()).err()?;
+        let reason = self.orientation.and_then(|parameters| parameters.custom_rotation).err()?;
         let (rotation_from_logged, _) = polar_decomposition(&calibration.w_matrix().map(f64::from))?;
         Some(TurnedSensor { rotation_from_logged, reason })
     }

@@ -41,7 +41,7 @@ pub struct OrientationParameters {
     /// Rotation after that of the orientation parameters.
     trim: Matrix3<f64>,
     /// A free custom rotation.
-    custom: Result<CustomRotation, FixedOrientation>,
+    pub custom_rotation: Result<CustomRotation, FixedOrientation>,
 }
 
 /// Reason why a file gives no orientation, or none by any angles; displayed as a clause.
@@ -111,7 +111,8 @@ impl ExportedOrientation {
             }
             (OrientationKind::Custom, Ok(parameters)) => {
                 let matrix = parameters.orientation_matrix(rotation);
-                Some(parameters.exported(SensorOrientation::custom_nearest_to(parameters.custom.ok()?, &matrix)))
+                let custom = SensorOrientation::custom_nearest_to(parameters.custom_rotation.ok()?, &matrix);
+                Some(parameters.exported(custom))
             }
         }
     }
@@ -146,12 +147,12 @@ impl OrientationParameters {
         }
         let mounting = logged_mounting(parameters, is_px4, f64::INFINITY, slot).ok_or(FixedOrientation::NotLogged)?;
         let trim = if is_px4 { px4_external_trim(parameters, f64::INFINITY, slot) } else { Matrix3::identity() };
-        let custom = if is_px4 {
+        let custom_rotation = if is_px4 {
             px4_custom_rotation(flight, slot)
         } else {
             ardupilot_custom_rotation(flight, compass_number, slot, used)
         };
-        Ok(Self { mounting, trim, custom })
+        Ok(Self { mounting, trim, custom_rotation })
     }
 
     /// The matrix of the orientation parameters that turns the field by `rotation` from that of the log.
@@ -164,11 +165,6 @@ impl OrientationParameters {
             rotation_from_logged: self.trim * orientation.rotation_matrix() * self.mounting.transpose(),
             parameters: Some(orientation),
         }
-    }
-
-    /// The free custom rotation.
-    pub fn custom_rotation(&self) -> Result<CustomRotation, FixedOrientation> {
-        self.custom
     }
 }
 

@@ -213,8 +213,8 @@ struct RowAccumulator {
     reading_count: u16,
     first_s: f64,
     time_sum_s: f64,
-    raw_sum_ut: [f32; 3],
-    logged_sum_ut: [f32; 3],
+    /// Sums of the raw and of the logged field, microtesla.
+    field_sum_ut: [f32; 6],
     first_roll_rad: f32,
     roll_sum_rad: f32,
     pitch_sum_rad: f32,
@@ -227,8 +227,7 @@ impl RowAccumulator {
         let AttitudeSample { t_s, attitude, rates_rad_s } = sample;
         self.reading_count += 1;
         self.time_sum_s += t_s - self.first_s;
-        let [x, y, z, cx, cy, cz] = reading.row_values;
-        for (sum, axis) in self.raw_sum_ut.iter_mut().chain(&mut self.logged_sum_ut).zip([x, y, z, cx, cy, cz]) {
+        for (sum, axis) in self.field_sum_ut.iter_mut().zip(reading.row_values) {
             *sum += axis;
         }
         self.roll_sum_rad += wrap_pi(attitude.roll_rad - self.first_roll_rad);
@@ -243,10 +242,7 @@ impl RowAccumulator {
 
     fn replay_row(&self, flight: &LoggedFlight, reference: Option<&ReferenceHeading>) -> ReplayRow {
         let reading_count = f32::from(self.reading_count);
-        let field = |sum: [f32; 3]| {
-            let [x, y, z] = sum.map(|axis| axis / reading_count);
-            Field::from_ut(x, y, z)
-        };
+        let [x, y, z, logged_x, logged_y, logged_z] = self.field_sum_ut.map(|axis| axis / reading_count);
         let t_s = self.first_s + self.time_sum_s / f64::from(reading_count);
         let attitude = RollPitch {
             roll_rad: wrap_pi(self.first_roll_rad + self.roll_sum_rad / reading_count),
@@ -255,8 +251,8 @@ impl RowAccumulator {
         let rates = self.rate_sum_rad_s.map(|sum| sum / f32::from(self.rate_count.max(1)));
         ReplayRow {
             t_s,
-            raw_field: field(self.raw_sum_ut),
-            logged_field: field(self.logged_sum_ut),
+            raw_field: Field::from_ut(x, y, z),
+            logged_field: Field::from_ut(logged_x, logged_y, logged_z),
             attitude,
             rates_rad_s: (self.rate_count > 0).then_some(rates),
             current_a: current_at(flight, t_s),

@@ -265,12 +265,12 @@ fn an_orientation_that_parameters_do_not_express_is_left() {
     ] {
         let mut flight = flight_of_firmware(format, firmware, parameters);
         flight.compasses[0].device_id = log::DeviceId::from_parameter(97_539.0);
-        let custom = OrientationParameters::from_log(&flight, 1, format, &[]).and_then(|of| of.custom_rotation());
+        let custom = OrientationParameters::from_log(&flight, 1, format, &[]).and_then(|of| of.custom_rotation);
         assert_eq!(custom.err(), reason, "{format:?} {firmware} {parameters:?}");
     }
     let flight = flight_of_firmware(ArduPilot, "V4.6.0", &[EXTERNAL, ORIENT]);
     let used = [CustomRotation::Ardupilot(1)];
-    let second = OrientationParameters::from_log(&flight, 1, ArduPilot, &used).unwrap().custom_rotation();
+    let second = OrientationParameters::from_log(&flight, 1, ArduPilot, &used).unwrap().custom_rotation;
     assert_eq!(second, Ok(CustomRotation::Ardupilot(2)));
 }
 
