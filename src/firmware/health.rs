@@ -166,6 +166,8 @@ counters! {
     inertial_errors,
     /// Unexpected changes of its configuration.
     inertial_register_upsets,
+    /// Estimates of the own attitude since the first rest, from which on the gyro's offset is known.
+    inertial_estimates_after_rest,
     /// Own body rates that contradict those of the autopilot.
     inertial_rate_contradictions,
     /// Latency of the attitude that own rates correct now, milliseconds; no counter.

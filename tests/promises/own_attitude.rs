@@ -100,9 +100,15 @@ fn sent_pitch_and_roll_deg(rig: &Rig) -> Option<[f64; 2]> {
 #[test]
 fn the_own_attitude_is_sent_while_the_chip_answers() {
     let mut rig = held_rig(AttitudeSource::Own);
-    rig.run_for_s(1.0);
+    rig.run_for_s(0.5);
+    let before_rest = "not in use beside an autopilot before the first rest";
+    let status = status_line(&mut rig, "gyro: ");
+    assert!(status.ends_with(before_rest), "{status}");
+    rig.run_for_s(0.5);
     rig.send_console_line("set attitude own");
     rig.run_for_s(2.0);
+    let status = status_line(&mut rig, "gyro: ");
+    assert!(!status.contains(before_rest), "{status}");
     let [pitch_deg, roll_deg] = sent_pitch_and_roll_deg(&rig).unwrap();
     assert!((pitch_deg + 10.0).abs() < 6.0 && (roll_deg - 20.0).abs() < 6.0, "{pitch_deg} {roll_deg}");
     let chip = rig.inertial_sensor.as_ref().unwrap().chip.clone();

@@ -57,6 +57,9 @@ impl<S: InertialSensor> ChipEvents<S> for AttitudeEstimator<'_> {
             self.mount = self.links.settings.try_get().map_or(self.mount, |settings| settings.mount);
             self.links.sensor_offsets.sender().send(filter.sensor_offsets(reading.temperature_c));
             if let Some(attitude) = filter.attitude() {
+                if attitude.measured_rates_rad_s.is_some() {
+                    increment_counter(&self.links.event_counters.inertial_estimates_after_rest);
+                }
                 let value = AttitudeInput::Own(attitude);
                 self.links.queue_or_count(&self.links.attitude_inputs, Timestamped { timestamp: at, value });
             }

@@ -37,7 +37,7 @@ impl InstructionBudget {
 /// convergence. The solve runs at the lowest priority and takes 0.5 to 1.5 s on the reference board.
 const INSTRUCTION_LIMITS: [(&str, &str, u64); 14] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
-    ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 45_000),
+    ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 43_000),
     ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
     ("inertial", "gyro and accelerometer to attitude, with a step of its Kalman filter: 208 times a second", 10_000),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_200),

@@ -252,6 +252,9 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
             counts.inertial_register_upsets,
             counts.inertial_rate_contradictions
         )?;
+        if counts.inertial_estimates_after_rest == 0 {
+            write!(out, ", not in use beside an autopilot before the first rest")?;
+        }
         if counts.corrected_latency_ms > 0 {
             write!(out, ", attitude's latency of {} ms corrected", counts.corrected_latency_ms)?;
         }
