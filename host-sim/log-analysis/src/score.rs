@@ -1,6 +1,6 @@
 //! Score of a calibration: statistics of heading errors, and acceptance by an uncalibrated module.
 
-use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent, Rejection};
+use autoswing::acceptance::{self, AcceptanceSamples, Incumbent, Rejection};
 use autoswing::calibration::{Orientation, Samples, Solution};
 use serde::Serialize;
 
@@ -55,7 +55,7 @@ pub fn accepted_by_uncalibrated(
 ) -> Result<(), Rejection> {
     let samples = AcceptanceSamples { fit_samples, held_back_samples: held_back, is_attitude_known: true };
     let incumbent = Incumbent::uncalibrated(Orientation::IDENTITY_ROTATION);
-    acceptance::evaluate_candidate(&AcceptancePolicy::DEFAULT, solution, samples, &incumbent).map(|_| ())
+    acceptance::evaluate_candidate(solution, samples, &incumbent).map(|_| ())
 }
 
 /// Percent of normalised errors within one and two standard deviations.

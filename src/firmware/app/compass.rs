@@ -17,7 +17,6 @@ use super::task_links::{
 use crate::app::task_links::TaskLinks;
 use crate::health::{EventCounts, main_sample_loss};
 use crate::log::{info, warning};
-use autoswing::acceptance::AcceptancePolicy;
 use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::collection::RetainedSamples;
 use autoswing::earth::{Date, Position};
@@ -50,7 +49,7 @@ pub async fn run_compass<F: NorFlash>(
             report_unreadable_flash(links, error);
         }
         links.set_initial_protocols(stored.startup_values.detected_protocols);
-        Compass::new(AcceptancePolicy::DEFAULT, &stored, retained_samples)
+        Compass::new(&stored, retained_samples)
     };
     if let Some(loss_message) = compass.last_collection_outcome() {
         links.broadcast_message(loss_message);

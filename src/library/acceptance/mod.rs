@@ -22,36 +22,24 @@ use crate::calibration::{
 };
 use crate::decimal::Decimal;
 
-/// Acceptance thresholds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AcceptancePolicy {
-    /// Largest expected heading error, degrees RMS: about that of an uncalibrated compass in a clean airframe.
-    pub max_expected_rms_deg: f32,
-    /// Largest ratio of the error from a hard-iron change to all other errors.
-    pub max_hard_iron_error_ratio: f32,
-    /// Significance from which a bank-angle scale error is certain, sigma.
-    pub certain_bank_scale_sigmas: f32,
-    /// Minimum number of held-back samples in each part of the collection that has samples: one in most heading
-    /// sectors.
-    pub min_held_back_samples: u16,
-    /// Factor on the active calibration's expected error, above which a candidate is less informative.
-    pub max_expected_error_ratio: f32,
-    /// Ratio of scores above which a less informative candidate is accepted: the airframe's iron has then changed, and
-    /// the active calibration is wrong.
-    pub contradicting_score_ratio: f32,
-}
+/// Largest expected heading error, degrees RMS: about that of an uncalibrated compass in a clean airframe.
+const MAX_EXPECTED_RMS_DEG: f32 = 3.0;
 
-impl AcceptancePolicy {
-    /// Thresholds for all vehicles.
-    pub const DEFAULT: Self = Self {
-        max_expected_rms_deg: 3.0,
-        max_hard_iron_error_ratio: 2.5,
-        certain_bank_scale_sigmas: 3.5,
-        min_held_back_samples: 8,
-        max_expected_error_ratio: 1.5,
-        contradicting_score_ratio: 3.0,
-    };
-}
+/// Largest ratio of the error from a hard-iron change to all other errors.
+const MAX_HARD_IRON_ERROR_RATIO: f32 = 2.5;
+
+/// Significance from which a bank-angle scale error is certain, sigma.
+const CERTAIN_BANK_SCALE_SIGMAS: f32 = 3.5;
+
+/// Minimum number of held-back samples in each part of the collection that has samples: one in most heading sectors.
+pub const MIN_HELD_BACK_SAMPLES: u16 = 8;
+
+/// Factor on the active calibration's expected error, above which a candidate is less informative.
+const MAX_EXPECTED_ERROR_RATIO: f32 = 1.5;
+
+/// Ratio of scores above which a less informative candidate is accepted: the airframe's iron has then changed, and the
+/// active calibration is wrong.
+const CONTRADICTING_SCORE_RATIO: f32 = 3.0;
 
 /// Samples on which the decision is based.
 #[derive(Clone, Copy, Debug)]
@@ -78,12 +66,6 @@ impl Incumbent {
     #[must_use]
     pub fn uncalibrated(mount: Orientation) -> Self {
         Self { calibration: Calibration::uncalibrated(mount), quality: None }
-    }
-
-    /// Active calibration with its quality.
-    #[must_use]
-    pub const fn with_calibration(calibration: Calibration, quality: Quality) -> Self {
-        Self { calibration, quality: Some(quality) }
     }
 }
 
@@ -135,24 +117,23 @@ pub enum Rejection {
 ///
 /// The first [`Rejection`] that applies, in the order of declaration.
 pub fn evaluate_candidate(
-    policy: &AcceptancePolicy,
     candidate: &Solution,
     samples: AcceptanceSamples<'_>,
     incumbent: &Incumbent,
 ) -> Result<HeldBackScores, Rejection> {
-    check_held_back_count(policy, &samples)?;
-    check_iron_change(policy, candidate)?;
-    check_accuracy(policy, candidate)?;
+    check_held_back_count(&samples)?;
+    check_iron_change(candidate)?;
+    check_accuracy(candidate)?;
     check_observability(candidate, &samples)?;
     let scores = check_held_back_scores(candidate, &samples, incumbent)?;
     if let Some(quality) = &incumbent.quality {
-        check_information(policy, candidate, quality, scores)?;
+        check_information(candidate, quality, scores)?;
     }
     Ok(scores)
 }
 
-fn check_held_back_count(policy: &AcceptancePolicy, samples: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
-    let (have, need) = (fewest_held_back(samples), policy.min_held_back_samples);
+fn check_held_back_count(samples: &AcceptanceSamples<'_>) -> Result<(), Rejection> {
+    let (have, need) = (fewest_held_back(samples), MIN_HELD_BACK_SAMPLES);
     if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
 }
 
@@ -170,14 +151,14 @@ fn fewest_held_back(samples: &AcceptanceSamples<'_>) -> u16 {
 
 /// Small hard-iron changes are included in the expected error. Rejects a change that dominates it, or that comes with
 /// too large an expected error.
-fn check_iron_change(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(), Rejection> {
+fn check_iron_change(candidate: &Solution) -> Result<(), Rejection> {
     let Some(Finding { violation: change, added_error_deg: error_deg, error_without_violation_deg: error_without_deg }) =
         candidate.hard_iron_change
     else {
         return Ok(());
     };
-    let is_dominant = error_deg > policy.max_hard_iron_error_ratio * error_without_deg;
-    if is_dominant || check_accuracy(policy, candidate).is_err() {
+    let is_dominant = error_deg > MAX_HARD_IRON_ERROR_RATIO * error_without_deg;
+    if is_dominant || check_accuracy(candidate).is_err() {
         return Err(Rejection::IronChanged(change));
     }
     Ok(())
@@ -196,9 +177,9 @@ fn check_observability(candidate: &Solution, samples: &AcceptanceSamples<'_>) ->
 
 /// Tests the expected error, which includes a detected bank-angle scale error. If only that makes it too large, a
 /// certain scale error is the rejection reason, and a suspected one is ignored: good sources show it by chance.
-fn check_accuracy(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(), Rejection> {
+fn check_accuracy(candidate: &Solution) -> Result<(), Rejection> {
     let expected_rms_deg = candidate.quality.expected_rms_deg;
-    match (check_expected_error(policy, expected_rms_deg), &candidate.bank_scale_error) {
+    match (check_expected_error(expected_rms_deg), &candidate.bank_scale_error) {
         (
             Err(_),
             Some(Finding {
@@ -207,8 +188,8 @@ fn check_accuracy(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(),
                 ..
             }),
         ) => {
-            check_expected_error(policy, *error_without_deg)?;
-            if *sigmas > policy.certain_bank_scale_sigmas {
+            check_expected_error(*error_without_deg)?;
+            if *sigmas > CERTAIN_BANK_SCALE_SIGMAS {
                 return Err(Rejection::AttitudeContradicted { reported_bank_ratio: *read, expected_rms_deg });
             }
             Ok(())
@@ -217,13 +198,9 @@ fn check_accuracy(policy: &AcceptancePolicy, candidate: &Solution) -> Result<(),
     }
 }
 
-fn check_expected_error(policy: &AcceptancePolicy, expected_rms_deg: f32) -> Result<(), Rejection> {
+fn check_expected_error(expected_rms_deg: f32) -> Result<(), Rejection> {
     // The comparison rejects NaN.
-    if expected_rms_deg <= policy.max_expected_rms_deg {
-        Ok(())
-    } else {
-        Err(Rejection::NotAccurate { expected_rms_deg })
-    }
+    if expected_rms_deg <= MAX_EXPECTED_RMS_DEG { Ok(()) } else { Err(Rejection::NotAccurate { expected_rms_deg }) }
 }
 
 fn check_held_back_scores(
@@ -247,16 +224,14 @@ fn check_held_back_scores(
 /// Rejects a candidate with less information than the active calibration, unless the held-back samples contradict the
 /// latter. An attitude source with a bank-angle scale error contradicts it without cause.
 fn check_information(
-    policy: &AcceptancePolicy,
     candidate: &Solution,
     incumbent_quality: &Quality,
     scores: HeldBackScores,
 ) -> Result<(), Rejection> {
     let candidate_quality = &candidate.quality;
-    let thinner = candidate_quality.expected_rms_deg
-        > policy.max_expected_error_ratio * incumbent_quality.expected_rms_deg
+    let thinner = candidate_quality.expected_rms_deg > MAX_EXPECTED_ERROR_RATIO * incumbent_quality.expected_rms_deg
         || (incumbent_quality.determines_all_coefficients() && !candidate_quality.determines_all_coefficients());
-    let contradicted = scores.active_score > policy.contradicting_score_ratio * scores.candidate_score
+    let contradicted = scores.active_score > CONTRADICTING_SCORE_RATIO * scores.candidate_score
         && candidate.bank_scale_error.is_none();
     if thinner && !contradicted {
         let (expected_rms_deg, incumbent_rms_deg) =

@@ -5,11 +5,8 @@ use crate::calibration::tests::synthetic::{
     Airframe, Parts, exact_circle, free_samples, level_samples, typical_quality,
 };
 use crate::calibration::{
-    Advice, AttitudeEnvelope, Deviation, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method,
-    MotorCurrentInterference, Sample,
+    Advice, AttitudeEnvelope, Deviation, HardIronTimeCourse, HeadingUncertainty, Manoeuvre, Method, Sample,
 };
-
-const POLICY: AcceptancePolicy = AcceptancePolicy::DEFAULT;
 
 /// Calibration with this error of hard iron along x.
 fn calibration_with_error(b_ut: f32) -> Calibration {
@@ -36,17 +33,9 @@ fn active_calibration(b_ut: f32, expected_rms_deg: f32) -> Incumbent {
     Incumbent { calibration: calibration_with_error(b_ut), quality: Some(typical_quality(expected_rms_deg)) }
 }
 
-const UNCALIBRATED_INCUMBENT: Incumbent = Incumbent {
-    calibration: Calibration {
-        w: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        b_ut: [9.0, 0.0, 0.0],
-        inclination_rad: 0.0,
-        total_ut: 0.0,
-        latency_s: 0.0,
-        motor_current: MotorCurrentInterference::NO_INTERFERENCE,
-    },
-    quality: None,
-};
+fn no_calibration() -> Incumbent {
+    Incumbent { calibration: calibration_with_error(9.0), quality: None }
+}
 
 /// Circle without iron. A hard-iron error b changes the field strength by up to b cos(inclination) / F, so scores
 /// are proportional to b.
@@ -71,7 +60,7 @@ fn evaluate_with_held_back(
         held_back_samples: circles(held_back_counts),
         is_attitude_known: true,
     };
-    evaluate_candidate(&POLICY, candidate, samples, incumbent)
+    evaluate_candidate(candidate, samples, incumbent)
 }
 
 fn evaluate(candidate: &Solution, incumbent: &Incumbent) -> Result<HeldBackScores, Rejection> {
@@ -80,7 +69,7 @@ fn evaluate(candidate: &Solution, incumbent: &Incumbent) -> Result<HeldBackScore
 
 /// Tests a candidate against no calibration.
 fn evaluate_first(candidate: &Solution) -> Result<HeldBackScores, Rejection> {
-    evaluate(candidate, &UNCALIBRATED_INCUMBENT)
+    evaluate(candidate, &no_calibration())
 }
 
 #[test]
@@ -94,7 +83,7 @@ fn every_used_part_needs_eight_held_back_samples() {
         ([30, 30, 8], None),
         ([0, 30, 0], Some(0)),
     ] {
-        let found = evaluate_with_held_back(held_back, &good, &UNCALIBRATED_INCUMBENT);
+        let found = evaluate_with_held_back(held_back, &good, &no_calibration());
         assert_eq!(found.err(), expected.map(|have| Rejection::TooFewHeldBack { have, need: 8 }), "{held_back:?}");
     }
     let nothing = AcceptanceSamples {
@@ -102,7 +91,7 @@ fn every_used_part_needs_eight_held_back_samples() {
         held_back_samples: Samples::default(),
         is_attitude_known: true,
     };
-    let found = evaluate_candidate(&POLICY, &good, nothing, &UNCALIBRATED_INCUMBENT);
+    let found = evaluate_candidate(&good, nothing, &no_calibration());
     assert_eq!(found, Err(Rejection::TooFewHeldBack { have: 0, need: 8 }));
 }
 
@@ -137,7 +126,7 @@ fn a_dominant_hard_iron_change_is_rejected() {
     }
     // Missing held-back samples are the first rejection reason.
     let changed = candidate_with_hard_iron_change(9.0, 9.0);
-    let nothing = evaluate_with_held_back([7, 24, 0], &changed, &UNCALIBRATED_INCUMBENT);
+    let nothing = evaluate_with_held_back([7, 24, 0], &changed, &no_calibration());
     assert_eq!(nothing, Err(Rejection::TooFewHeldBack { have: 7, need: 8 }));
 }
 
@@ -212,7 +201,7 @@ fn a_free_flight_without_tilt_is_unobservable() {
         ("tumbled", &tumbled, free, Ok(())),
     ] {
         let samples = AcceptanceSamples { fit_samples: samples, held_back_samples: samples, is_attitude_known: true };
-        let found = evaluate_candidate(&POLICY, candidate, samples, &UNCALIBRATED_INCUMBENT);
+        let found = evaluate_candidate(candidate, samples, &no_calibration());
         assert_eq!(found.map(drop), expected, "{name}");
     }
 }

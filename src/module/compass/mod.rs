@@ -27,7 +27,6 @@ use crate::settings::{DependentState, Settings};
 use crate::store::StoredValues;
 use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
 use armed_state::ArmedState;
-use autoswing::acceptance::AcceptancePolicy;
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Sample;
 use autoswing::calibration::method_selection::Procedure;
@@ -42,10 +41,9 @@ impl<'a> Compass<'a> {
     /// Creates the initial state from flash and from samples retained in RAM. Not inlined, to limit the stack.
     #[must_use]
     #[inline(never)]
-    pub fn new(policy: AcceptancePolicy, stored: &StoredValues, retained: &'a mut RetainedSamples) -> Self {
+    pub fn new(stored: &StoredValues, retained: &'a mut RetainedSamples) -> Self {
         let StoredValues { settings, stored_calibrations, startup_values } = *stored;
         let mut compass = Self {
-            acceptance_policy: policy,
             settings,
             stored_calibrations,
             sensor: None,

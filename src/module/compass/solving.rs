@@ -6,13 +6,13 @@ use crate::compass::state::Compass;
 use crate::compass::trial_solves::TrialResult;
 use crate::messages::{Message, Refusal, SolveOutcome};
 use crate::store::CalibrationRecord;
-use autoswing::acceptance::{self, AcceptancePolicy, AcceptanceSamples, Incumbent};
+use autoswing::acceptance::{self, AcceptanceSamples, Incumbent};
 use autoswing::calibration::method_selection::{self, Procedure};
 use autoswing::calibration::{Method, Prior, Solution, SolveProgress as Solving, Solver};
 use autoswing::collection::{CollectionState, MIN_HELD_BACK_WHEN_COMPLETE};
 use autoswing::reading::Identity;
 
-const _: () = assert!(AcceptancePolicy::DEFAULT.min_held_back_samples <= MIN_HELD_BACK_WHEN_COMPLETE);
+const _: () = assert!(acceptance::MIN_HELD_BACK_SAMPLES <= MIN_HELD_BACK_WHEN_COMPLETE);
 
 impl Compass<'_> {
     pub(super) fn start_solving(&mut self, method: Option<Method>, purpose: SolvePurpose) -> Result<(), Refusal> {
@@ -92,8 +92,7 @@ impl Compass<'_> {
             held_back_samples,
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
-        acceptance::evaluate_candidate(&self.acceptance_policy, candidate, grounds, &self.incumbent())
-            .map_err(Refusal::Rejected)?;
+        acceptance::evaluate_candidate(candidate, grounds, &self.incumbent()).map_err(Refusal::Rejected)?;
         let current = self.stored_calibrations.current_calibration.as_ref();
         Ok(CalibrationRecord {
             calibration: candidate.calibration,
@@ -109,7 +108,7 @@ impl Compass<'_> {
     fn incumbent(&self) -> Incumbent {
         self.active_record().map_or_else(
             || Incumbent::uncalibrated(self.settings.mount),
-            |record| Incumbent::with_calibration(record.calibration, record.quality),
+            |record| Incumbent { calibration: record.calibration, quality: Some(record.quality) },
         )
     }
 

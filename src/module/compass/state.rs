@@ -7,7 +7,6 @@ use crate::compass::events::{IndicatorState, ModuleState};
 use crate::messages::Message;
 use crate::settings::{PORT_COUNT, ProtocolKind, Settings};
 use crate::store::{CalibrationRecord, StartupValues, StoredCalibrations};
-use autoswing::acceptance::AcceptancePolicy;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Advice, Sample};
 use autoswing::collection::{Collector, RecentSamples};
@@ -61,7 +60,6 @@ impl PersistentState {
 /// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
 pub struct Compass<'a> {
-    pub(super) acceptance_policy: AcceptancePolicy,
     pub(super) settings: Settings,
     pub(super) stored_calibrations: StoredCalibrations,
     pub(super) sensor: Option<DetectedSensor>,

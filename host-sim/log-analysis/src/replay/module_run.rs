@@ -1,6 +1,5 @@
 //! Drives the module's state machine with the samples of a log, as its tasks do, and takes its result.
 
-use autoswing::acceptance::AcceptancePolicy;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Sample, Solution};
 use autoswing::collection::{Collector, RetainedSamples};
@@ -40,7 +39,7 @@ impl<'a> ModuleRun<'a> {
         let inclination_deg = prior.inclination_deg.map(|degrees| degrees as f32);
         let settings = Settings { inclination_deg, ..Settings::DEFAULT };
         let stored = StoredValues { settings, ..StoredValues::default() };
-        let compass = Compass::new(AcceptancePolicy::DEFAULT, &stored, retained);
+        let compass = Compass::new(&stored, retained);
         let mut module = Self { compass, candidate: None, outcome: None, ended_s: None, refused_run: None };
         module.process_event(Event::SensorDetected(PLACEHOLDER_SENSOR, readings_per_sample));
         if let Some((place, day)) = prior.place_and_day {

@@ -40,10 +40,8 @@ impl TestBed<'static> {
         let mut newest_first = newest_first.iter().copied();
         let stored_calibrations =
             StoredCalibrations { current_calibration: newest_first.next(), previous_calibration: newest_first.next() };
-        Self::start_in_new_memory(
-            AcceptancePolicy::DEFAULT,
-            &StoredValues { stored_calibrations, ..StoredValues::default() },
-        )
+        let flash = StoredValues { stored_calibrations, ..StoredValues::default() };
+        Self::start_module(&flash, Box::leak(Box::new(RetainedSamples::EMPTY)))
     }
 
     fn with_setting(setting: SettingChange) -> Self {
@@ -58,16 +56,12 @@ impl TestBed<'static> {
         bed.start(Procedure::Flight);
         bed
     }
-
-    fn start_in_new_memory(policy: AcceptancePolicy, flash: &StoredValues) -> Self {
-        Self::start_module(policy, flash, Box::leak(Box::new(RetainedSamples::EMPTY)))
-    }
 }
 
 impl<'a> TestBed<'a> {
     /// A module whose sample clock wraps after 20 s.
-    fn start_module(policy: AcceptancePolicy, flash: &StoredValues, memory: &'a mut RetainedSamples) -> Self {
-        let compass = Compass::new(policy, flash, memory);
+    fn start_module(flash: &StoredValues, memory: &'a mut RetainedSamples) -> Self {
+        let compass = Compass::new(flash, memory);
         let mut bed = Self { compass, now_ms: u32::MAX - 20_000, flash: *flash, startup_save_count: 0 };
         bed.expect_none(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
         bed
@@ -318,7 +312,7 @@ fn test_field() -> Field<Sensor> {
 #[test]
 fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     let memory = &mut RetainedSamples::EMPTY.clone();
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory);
+    let mut compass = Compass::new(&StoredValues::default(), memory);
     assert_eq!(compass.instrument_correction(), Correction::UNCALIBRATED);
     compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
@@ -336,7 +330,7 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
 #[test]
 fn without_a_sensor_calibration_is_refused() {
     let memory = &mut RetainedSamples::EMPTY.clone();
-    let mut compass = Compass::new(AcceptancePolicy::DEFAULT, &StoredValues::default(), memory);
+    let mut compass = Compass::new(&StoredValues::default(), memory);
     for command in [Command::CalStart(Procedure::Turns), Command::CalSolve(None)] {
         let effect = compass.process_event(Event::Command(command, WrappingMillis::default()));
         assert!(matches!(effect, Effect::Reply(Err(Refusal::NoSensor))), "{effect:?}");
@@ -371,7 +365,7 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     );
     assert_eq!(bed.set(SettingChange::named("MOUNT", 0.0).unwrap()), ModuleState::Calibrated);
     let memory = &mut RetainedSamples::EMPTY.clone();
-    assert!(Compass::new(AcceptancePolicy::DEFAULT, &bed.flash, memory).active_record().is_none(), "no sensor yet");
+    assert!(Compass::new(&bed.flash, memory).active_record().is_none(), "no sensor yet");
 }
 
 #[test]

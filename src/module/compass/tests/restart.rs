@@ -28,7 +28,7 @@ impl Module {
 
     /// Starts the module at clock zero on an armed vehicle, and runs it until the end of a test.
     fn restart<T>(&mut self, test: impl FnOnce(&mut TestBed<'_>) -> T) -> T {
-        let mut bed = TestBed::start_module(AcceptancePolicy::DEFAULT, &self.flash, &mut self.memory);
+        let mut bed = TestBed::start_module(&self.flash, &mut self.memory);
         (bed.now_ms, bed.startup_save_count) = (100, self.startup_save_count);
         bed.report_armed(Some(true));
         let result = test(&mut bed);
