@@ -8,8 +8,8 @@ use core::fmt;
 
 use crate::calibration::fit::ConvergedFit;
 use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
-use crate::calibration::model::{ModelParameters, PriorQuantity};
-use crate::calibration::types::quality::Method;
+use crate::calibration::model::ModelParameters;
+use crate::calibration::types::quality::{Method, UnobservableQuantities};
 use crate::calibration::types::samples::{CollectionPart, Samples};
 use crate::calibration::uncertainty::coefficient_covariance::CoefficientCovariance;
 use crate::calibration::uncertainty::expected_error::{self, Deviation};
@@ -209,17 +209,6 @@ pub const NOTICEABLE_ERROR_RATIO: f32 = 0.95;
 /// Expected error over its floor, below which more samples of the same kind are not worth the flight.
 const AT_FLOOR_ERROR_RATIO: f32 = 1.1;
 
-/// Flags of unobservable quantities, which the priors determine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct UnobservableQuantities {
-    /// Whether soft iron in some direction is unobservable.
-    pub soft_iron: bool,
-    /// Whether the mounting about some axis is unobservable.
-    pub mounting: bool,
-    /// Whether hard iron along some axis is unobservable.
-    pub hard_iron: bool,
-}
-
 /// Effective sample size of a full circle: 54 samples at 13 deg/s, corrected for autocorrelation; a quarter of them per
 /// quadrant.
 const CIRCLE_EFFECTIVE_SAMPLES: u8 = 24;
@@ -308,24 +297,8 @@ pub(in crate::calibration) fn select_manoeuvre(
         manoeuvre,
         expected_after_deg: error_after_deg,
         error_floor_deg: rms_deg(information, CovarianceContent::WithoutNoise)?,
-        unobservable: unobservable_flags(
-            unobservable_quantities(&information.linear_system, likelihood, unknowns).into_iter().flatten(),
-        ),
+        unobservable: unobservable_quantities(&information.linear_system, likelihood, unknowns).unwrap_or_default(),
     })
-}
-
-/// Unobservable quantities for the advice: all except the inclination, which no manoeuvre improves.
-fn unobservable_flags(unobservable: impl Iterator<Item = PriorQuantity>) -> UnobservableQuantities {
-    let mut assumed = UnobservableQuantities::default();
-    for quantity in unobservable {
-        match quantity {
-            PriorQuantity::SoftIron => assumed.soft_iron = true,
-            PriorQuantity::Mounting => assumed.mounting = true,
-            PriorQuantity::HardIron => assumed.hard_iron = true,
-            PriorQuantity::Inclination => {}
-        }
-    }
-    assumed
 }
 
 #[cfg(test)]
@@ -410,15 +383,5 @@ mod tests {
             let found_deg = steady_list(free_samples(&samples)).roll_rad.to_degrees();
             assert!((found_deg - expected_deg).abs() < 0.1, "{list_deg}: {found_deg}");
         }
-    }
-
-    #[test]
-    fn each_unobservable_quantity_but_inclination_sets_its_flag() {
-        let reported = |quantity| unobservable_flags([quantity].into_iter());
-        let nothing = UnobservableQuantities::default();
-        assert_eq!(reported(PriorQuantity::SoftIron), UnobservableQuantities { soft_iron: true, ..nothing });
-        assert_eq!(reported(PriorQuantity::Mounting), UnobservableQuantities { mounting: true, ..nothing });
-        assert_eq!(reported(PriorQuantity::HardIron), UnobservableQuantities { hard_iron: true, ..nothing });
-        assert_eq!(reported(PriorQuantity::Inclination), nothing);
     }
 }

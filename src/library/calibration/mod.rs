@@ -81,14 +81,14 @@ mod types;
 mod uncertainty;
 pub mod verification;
 
-pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, TiltDirection, UnobservableQuantities};
+pub use advice::{Advice, HeadingQuadrant, Manoeuvre, NOTICEABLE_ERROR_RATIO, TiltDirection};
 pub use assessment::{Finding, Solution};
 pub use solver::stepwise_solver::{SolveProgress, Solver, solve_samples};
 pub use types::{
     coefficients::{Calibration, MotorCurrentInterference, Orientation, Prior},
     quality::{
         AttitudeEnvelope, AttitudeLatency, Axis, BankScaleFinding, ConsiderSigmas, DetectedHardIronChange,
-        HardIronTimeCourse, Method, Quality, SolveError,
+        HardIronTimeCourse, Method, Quality, SolveError, UnobservableQuantities,
     },
     samples::{AngleRates, CollectionPart, HeadingMark, MotorCurrent, Sample, Samples},
 };

@@ -14,8 +14,8 @@ pub(super) use {
     prediction::{ModelParameters, heading_derivative_by_field, horizontal_squared},
     priors::{PriorQuantity, for_each_prior, scaled_unit_vector},
     unknowns::{
-        COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, UNKNOWN_COUNT, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector12,
-        Vector13, beta_index, coefficient_jacobian_row, corrected_mean_index, unknown_index_of_product, w_index,
+        COEFFICIENT_COUNT, INCLINATION_INDEX, UNKNOWN_COUNT, UPPER_TRIANGLE_3, UPPER_TRIANGLE_4, Vector12, Vector13,
+        beta_index, coefficient_jacobian_row, corrected_mean_index, row_and_column, unknown_index_of_product, w_index,
     },
 };
 pub(crate) use {prediction::FieldPrediction, unknowns::JacobianRow};

@@ -27,10 +27,6 @@ pub(in crate::calibration) enum PriorQuantity {
     Inclination,
 }
 
-impl PriorQuantity {
-    pub const PRIOR_COUNT: usize = 4;
-}
-
 /// Sigma of an unknown inclination, radians: wide, keeps the information regular.
 const UNKNOWN_INCLINATION_SIGMA_RAD: f32 = 10.0;
 

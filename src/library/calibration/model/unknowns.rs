@@ -35,27 +35,9 @@ pub(in crate::calibration) const fn beta_index(axis: usize) -> usize {
     corrected_mean_index(axis)
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::calibration) enum Coefficient {
-    /// An element of `W`.
-    W {
-        /// Body axis of the result.
-        row: usize,
-        /// Chip axis of the input.
-        column: usize,
-    },
-    /// Component of `beta`, by body axis.
-    Beta(usize),
-}
-
-impl Coefficient {
-    pub const fn from_index(index: usize) -> Self {
-        if index < beta_index(0) {
-            Self::W { row: index / 3, column: index % 3 }
-        } else {
-            Self::Beta(index - beta_index(0))
-        }
-    }
+/// Row and column of an element of `W` by its index; `beta` is row 3, with its body axis as the column.
+pub(in crate::calibration) const fn row_and_column(coefficient_index: usize) -> (usize, usize) {
+    (coefficient_index / 3, coefficient_index % 3)
 }
 
 /// Index pairs `i <= j` of three axes: upper triangle, row by row.
@@ -147,16 +129,6 @@ mod tests {
         indices.extend((0..3).map(corrected_mean_index));
         indices.push(INCLINATION_INDEX);
         assert_eq!(indices, (0..UNKNOWN_COUNT).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn from_index_inverts_the_index_functions() {
-        for i in 0..3 {
-            for j in 0..3 {
-                assert_eq!(Coefficient::from_index(w_index(i, j)), Coefficient::W { row: i, column: j });
-            }
-            assert_eq!(Coefficient::from_index(beta_index(i)), Coefficient::Beta(i));
-        }
     }
 
     #[test]

@@ -4,7 +4,6 @@ use nalgebra::Vector3;
 
 use crate::calibration::closed_form::turns::MIN_SAMPLES;
 use crate::calibration::fit::ConvergedFit;
-use crate::calibration::model::PriorQuantity;
 use crate::calibration::types::coefficients::Calibration;
 use crate::calibration::types::quality::{Axis, Method, SolveError};
 use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
@@ -125,11 +124,8 @@ const MIN_DIRECTIONS: u32 = 22;
 /// Turns alone lie on two ellipses, through which many ellipsoids pass. So a solve must check [`is_determined`].
 pub(super) fn is_determined(fit: &ConvergedFit<'_>, information: &Information) -> bool {
     count_directions(fit.samples, fit.calibration) >= MIN_DIRECTIONS
-        && unobservable_quantities(&information.linear_system, fit.likelihood, fit.unknowns).is_some_and(
-            |mut unobservable| {
-                !unobservable.any(|quantity| matches!(quantity, PriorQuantity::SoftIron | PriorQuantity::HardIron))
-            },
-        )
+        && unobservable_quantities(&information.linear_system, fit.likelihood, fit.unknowns)
+            .is_some_and(|unobservable| !unobservable.soft_iron && !unobservable.hard_iron)
 }
 
 fn count_directions(samples: Samples<'_>, calibration: &Calibration) -> u32 {

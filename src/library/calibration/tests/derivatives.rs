@@ -255,7 +255,7 @@ fn each_prior_constrains_its_own_quantity() {
     let straight =
         ModelParameters { w: Matrix3::identity(), corrected_mean_field: likelihood.mean_field, inclination_rad: 0.9 };
     let sizes = |parameters: &ModelParameters| {
-        let mut sizes = [0.0_f32; PriorQuantity::PRIOR_COUNT];
+        let mut sizes = [0.0_f32; 4];
         for (quantity, _, residual, _) in priors(&likelihood, &parameters.unknowns().unwrap()) {
             sizes[quantity as usize] = sizes[quantity as usize].hypot(residual);
         }

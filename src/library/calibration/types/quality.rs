@@ -130,6 +130,17 @@ impl Method {
     }
 }
 
+/// Flags of unobservable quantities, which the priors determine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct UnobservableQuantities {
+    /// Whether soft iron in some direction is unobservable.
+    pub soft_iron: bool,
+    /// Whether the mounting about some axis is unobservable.
+    pub mounting: bool,
+    /// Whether hard iron along some axis is unobservable.
+    pub hard_iron: bool,
+}
+
 /// Finding: bank-angle scale error of an attitude source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BankScaleFinding {

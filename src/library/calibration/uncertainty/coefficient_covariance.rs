@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::calibration::model::{
-    COEFFICIENT_COUNT, Coefficient, Likelihood, ModelParameters, Vector12, Vector13, corrected_mean_index, w_index,
+    COEFFICIENT_COUNT, Likelihood, ModelParameters, Vector12, Vector13, corrected_mean_index, row_and_column, w_index,
 };
 use crate::trig;
 
@@ -78,13 +78,13 @@ impl CoefficientConversion {
 
     pub fn jacobian_row(&self, coefficient_index: usize) -> Vector13 {
         let mut derivative = Vector13::zeros();
-        match Coefficient::from_index(coefficient_index) {
-            Coefficient::W { row, column } => {
+        match row_and_column(coefficient_index) {
+            (row @ 0..3, column) => {
                 derivative
                     .fixed_rows_mut::<3>(w_index(row, 0))
                     .copy_from(&self.chip_from_mount.row(column).transpose());
             }
-            Coefficient::Beta(axis) => {
+            (_, axis) => {
                 derivative.fixed_rows_mut::<3>(w_index(axis, 0)).copy_from(&self.mean_minus_hard_iron);
                 derivative[corrected_mean_index(axis)] = -1.0;
             }

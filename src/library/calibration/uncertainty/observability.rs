@@ -6,6 +6,7 @@ use crate::calibration::hypotheses::attitude_error_table::AttitudeErrorSigmas;
 use crate::calibration::model::{
     INCLINATION_INDEX, Likelihood, ModelParameters, PriorQuantity, Vector13, for_each_prior,
 };
+use crate::calibration::types::quality::UnobservableQuantities;
 
 /// Minimum share of the inclination's information from the samples; below it, their separate estimate has no valid
 /// `f32` digits.
@@ -45,28 +46,27 @@ pub(in crate::calibration) fn inclination_from_samples(
     (sample_estimate_rad + variance).is_finite().then_some([sample_estimate_rad, variance])
 }
 
-/// Unobservable quantities: more than half of the prior sigma remains in some direction. `None` if the information
-/// is singular.
+/// Unobservable quantities: more than half of the prior sigma remains in some direction. Without the inclination, which
+/// no manoeuvre improves. `None` if the information is singular.
 pub(in crate::calibration) fn unobservable_quantities(
     system: &LinearisedProblem,
     likelihood: &Likelihood,
     unknowns: &Vector13,
-) -> Option<impl Iterator<Item = PriorQuantity>> {
-    let mut unobservable = [None; PriorQuantity::PRIOR_COUNT];
-    let mut determined = true;
+) -> Option<UnobservableQuantities> {
+    let mut unobservable = UnobservableQuantities::default();
+    let mut is_regular = true;
     for_each_prior(likelihood, &ModelParameters::from_unknowns(unknowns), &mut |prior| {
         let Some(column) = system.covariance_times(&prior.jacobian_row) else {
-            determined = false;
+            is_regular = false;
             return;
         };
-        if prior.jacobian_row.dot(&column) > 0.25 * prior.sigma * prior.sigma
-            && let Some(slot) = unobservable.get_mut(prior.prior_quantity as usize)
-        {
-            *slot = Some(prior.prior_quantity);
+        let is_unobservable = prior.jacobian_row.dot(&column) > 0.25 * prior.sigma * prior.sigma;
+        match prior.prior_quantity {
+            PriorQuantity::SoftIron => unobservable.soft_iron |= is_unobservable,
+            PriorQuantity::Mounting => unobservable.mounting |= is_unobservable,
+            PriorQuantity::HardIron => unobservable.hard_iron |= is_unobservable,
+            PriorQuantity::Inclination => {}
         }
     });
-    if !determined {
-        return None;
-    }
-    Some(unobservable.into_iter().flatten())
+    is_regular.then_some(unobservable)
 }

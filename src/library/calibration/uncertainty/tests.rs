@@ -14,11 +14,13 @@ use crate::calibration::hypotheses::attitude_error_table::{
 use crate::calibration::hypotheses::hard_iron_change::{HardIronChangeEffect, derivative_by_hard_iron};
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
 use crate::calibration::model::{
-    COEFFICIENT_COUNT, Coefficient, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, ModelConfig, ModelParameters,
-    NoiseModel, PriorQuantity, ResidualEquation, UNKNOWN_COUNT, Vector12, Vector13, beta_index, for_each_prior,
+    COEFFICIENT_COUNT, INCLINATION_INDEX, JacobianRow, Likelihood, Matrix13, ModelConfig, ModelParameters, NoiseModel,
+    PriorQuantity, ResidualEquation, UNKNOWN_COUNT, Vector12, Vector13, beta_index, for_each_prior,
 };
 use crate::calibration::tests::derivatives::assert_derivative;
-use crate::calibration::{AttitudeLatency, Calibration, ConsiderSigmas, LeastSquares, Orientation, Prior, Samples};
+use crate::calibration::{
+    AttitudeLatency, Calibration, ConsiderSigmas, LeastSquares, Orientation, Prior, Samples, UnobservableQuantities,
+};
 
 type Matrix12 = SMatrix<f32, 12, 12>;
 
@@ -47,9 +49,9 @@ fn jacobian_rows_equal_numerical_derivatives() {
         let at = parameters().unknowns().unwrap();
         let units = CoefficientConversion::new(&likelihood, &at).unwrap();
         let before = likelihood.calibration(&at).unwrap();
-        let coefficient = |calibration: &Calibration, i: usize| match Coefficient::from_index(i) {
-            Coefficient::W { row, column } => calibration.w[row][column] * before.total_ut / calibration.total_ut,
-            Coefficient::Beta(axis) => {
+        let coefficient = |calibration: &Calibration, i: usize| match (i / 3, i % 3) {
+            (row @ 0..3, column) => calibration.w[row][column] * before.total_ut / calibration.total_ut,
+            (_, axis) => {
                 let moved = (calibration.b_vector_ut() - before.b_vector_ut()) / before.total_ut;
                 (before.w_matrix() * moved)[axis]
             }
@@ -267,21 +269,30 @@ fn latency_sigma_becomes_a_consider_state() {
     assert_eq!(assumed_sigmas(ConsiderSigmas::ZERO, None).map(f32::to_bits), [0; ATTITUDE_ERROR_COUNT]);
 }
 
-/// Samples that halve the variance of the prior alone leave it unobservable; with a tenth of it they determine it.
+/// Samples that halve the variance of the prior alone leave it unobservable; with a tenth of it they determine it. The
+/// inclination does not count.
 #[test]
 fn what_depends_on_the_prior_is_unobservable() {
-    let prior = Prior { inclination_rad: Some(0.7), ..Prior::default() };
-    let likelihood = likelihood(&prior, ModelConfig::DEFAULT);
+    let likelihood = likelihood(&Prior::default(), ModelConfig::DEFAULT);
     let at = parameters().unknowns().unwrap();
-    for (information_of_prior, expected) in [(1.0, vec![PriorQuantity::Inclination]), (9.0, vec![])] {
-        let mut information = prior_information(&likelihood, &at);
-        let weight = information_of_prior * likelihood.config.known_inclination_sigma_rad.powi(-2);
-        for i in 0..INCLINATION_INDEX {
-            information.linear_system.add_row(&Vector13::ith(i, 1.0), 0.0, 1e6);
+    let nothing = UnobservableQuantities::default();
+    for (quantity, flagged) in [
+        (PriorQuantity::SoftIron, UnobservableQuantities { soft_iron: true, ..nothing }),
+        (PriorQuantity::Mounting, UnobservableQuantities { mounting: true, ..nothing }),
+        (PriorQuantity::HardIron, UnobservableQuantities { hard_iron: true, ..nothing }),
+        (PriorQuantity::Inclination, nothing),
+    ] {
+        for (information_of_prior, expected) in [(1.0, flagged), (9.0, nothing)] {
+            let mut information = prior_information(&likelihood, &at);
+            information.linear_system.add_row(&at, 0.0, 1e6);
+            for_each_prior(&likelihood, &parameters(), &mut |prior| {
+                let samples_per_prior = if prior.prior_quantity == quantity { information_of_prior } else { 1e3 };
+                let weight = samples_per_prior / (prior.sigma * prior.sigma);
+                information.linear_system.add_row(&prior.jacobian_row, 0.0, weight);
+            });
+            let found = unobservable_quantities(&information.linear_system, &likelihood, &at);
+            assert_eq!(found, Some(expected), "{quantity:?} {information_of_prior}");
         }
-        information.linear_system.add_row(&Vector13::ith(INCLINATION_INDEX, 1.0), 0.0, weight);
-        let found = unobservable_quantities(&information.linear_system, &likelihood, &at).unwrap();
-        assert_eq!(found.collect::<Vec<_>>(), expected, "{information_of_prior}");
     }
 }
 

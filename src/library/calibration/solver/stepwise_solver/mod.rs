@@ -15,9 +15,11 @@ use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::hypotheses::attitude_error_table::assumed_sigmas;
 use crate::calibration::hypotheses::hard_iron_change::ConfirmedChange;
 use crate::calibration::hypotheses::motor_current::InterferenceEstimate;
-use crate::calibration::model::{Likelihood, NoiseModel, PriorQuantity, Vector13};
+use crate::calibration::model::{Likelihood, NoiseModel, Vector13};
 use crate::calibration::types::coefficients::{Calibration, Orientation, Prior};
-use crate::calibration::types::quality::{AttitudeLatency, ConsiderSigmas, Method, Quality, SolveError};
+use crate::calibration::types::quality::{
+    AttitudeLatency, ConsiderSigmas, Method, Quality, SolveError, UnobservableQuantities,
+};
 use crate::calibration::types::samples::{CollectionPart, Sample, Samples};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::uncertainty::observability::{inclination_from_samples, unobservable_quantities};
@@ -396,7 +398,7 @@ impl Solver {
 #[inline(never)]
 fn are_coefficients_observable(information: &Information, likelihood: &Likelihood, unknowns: &Vector13) -> bool {
     unobservable_quantities(&information.linear_system, likelihood, unknowns)
-        .is_some_and(|mut quantities| quantities.all(|quantity| quantity == PriorQuantity::Inclination))
+        .is_some_and(|unobservable| unobservable == UnobservableQuantities::default())
 }
 
 /// Solves samples by one method, to the end. On a device with other work to do, use [`Solver`].
