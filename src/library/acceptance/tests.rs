@@ -105,8 +105,11 @@ fn a_large_expected_error_is_rejected() {
     }
 }
 
-const HARD_IRON_CHANGE: DetectedHardIronChange =
-    DetectedHardIronChange { size_ut: 4.2, time_course: HardIronTimeCourse::Step { after_s: 31 }, duration_s: 230 };
+const HARD_IRON_CHANGE: DetectedHardIronChange = DetectedHardIronChange {
+    size_ut: 4.2,
+    time_course: HardIronTimeCourse::Step { after_ms: 31_000 },
+    duration_ms: 230_000,
+};
 
 /// Candidate with a detected hard-iron change and 0.5 deg of other errors.
 fn candidate_with_hard_iron_change(error_deg: f32, expected_rms_deg: f32) -> Solution {

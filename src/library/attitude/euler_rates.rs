@@ -99,12 +99,9 @@ pub(super) struct HeadingIntegral {
 }
 
 impl HeadingIntegral {
-    pub const EMPTY: Self =
-        Self { euler_rates: None, relative_heading_rad: 0.0, run_number: 0, frame_heading_rad: None };
-
     /// Before the first report, whose run has the number after this one.
     pub const fn before_run(run_number: u8) -> Self {
-        Self { run_number, ..Self::EMPTY }
+        Self { euler_rates: None, relative_heading_rad: 0.0, run_number, frame_heading_rad: None }
     }
 
     /// Integrates to the next report, `step_s` later: by the source's own integral, or with the mean of both rates. `None`
@@ -189,7 +186,7 @@ mod tests {
     /// Heading rate from 10 to 30 deg/s in 1 s: a turn of 20 deg, 7.5 deg after 0.5 s.
     #[test]
     fn rates_are_integrated_by_the_trapezoidal_rule() {
-        let began = HeadingIntegral::EMPTY.integrate_to_report(&report(0.0, 0.0, [0.0, 0.0, 10.0]), None);
+        let began = HeadingIntegral::before_run(0).integrate_to_report(&report(0.0, 0.0, [0.0, 0.0, 10.0]), None);
         let ended = began.integrate_to_report(&report(0.0, 0.0, [0.0, 0.0, 30.0]), Some(1.0));
         let turned_deg = |turning: Option<GyroHeading>| turning.unwrap().relative_heading_rad.to_degrees();
         assert!((turned_deg(ended.extrapolate_integral(0.0)) - 20.0).abs() < 1e-4);

@@ -96,7 +96,8 @@ impl TiltDirection {
 }
 
 impl HeadingQuadrant {
-    const ALL_QUADRANTS: [Self; 4] = [Self::North, Self::East, Self::South, Self::West];
+    const NAMED_QUADRANTS: [Option<Self>; 4] =
+        [Some(Self::North), Some(Self::East), Some(Self::South), Some(Self::West)];
 
     const fn quadrant_name(self) -> &'static str {
         match self {
@@ -109,19 +110,16 @@ impl HeadingQuadrant {
 }
 
 impl Manoeuvre {
-    fn nth_candidate(index: usize, vehicle_motion: VehicleMotion) -> Option<Self> {
-        if vehicle_motion == VehicleMotion::BanksIntoTurns {
-            return CIRCLE_MANOEUVRES.get(index).copied();
-        }
-        let Some(tilt_index) = index.checked_sub(1) else { return Some(Self::YawTurn) };
-        if vehicle_motion == VehicleMotion::TiltsOnUnknownHeading {
-            return TiltDirection::ALL_DIRECTIONS.get(tilt_index).map(|&towards| Self::Tilt(towards, None));
-        }
-        let quarters = HeadingQuadrant::ALL_QUADRANTS.len();
-        Some(Self::Tilt(
-            *TiltDirection::ALL_DIRECTIONS.get(tilt_index / quarters)?,
-            HeadingQuadrant::ALL_QUADRANTS.get(tilt_index % quarters).copied(),
-        ))
+    /// Candidates for a vehicle: circles if it banks into its turns, otherwise a turn and tilts, in the quadrants that its
+    /// heading is accurate enough to name.
+    fn candidates(is_banking: bool, names_quadrants: bool) -> impl Iterator<Item = Self> {
+        let (circles, on_the_spot): (&[Self], _) =
+            if is_banking { (&CIRCLE_MANOEUVRES, None) } else { (&[], Some(Self::YawTurn)) };
+        let directions: &[TiltDirection] = if is_banking { &[] } else { &TiltDirection::ALL_DIRECTIONS };
+        let quadrants: &[_] = if names_quadrants { &HeadingQuadrant::NAMED_QUADRANTS } else { &[None] };
+        let tilts =
+            directions.iter().flat_map(|&towards| quadrants.iter().map(move |&quadrant| Self::Tilt(towards, quadrant)));
+        circles.iter().copied().chain(on_the_spot).chain(tilts)
     }
 
     /// Whether only a vehicle that banks into its turns can fly it.
@@ -216,13 +214,6 @@ const CIRCLE_EFFECTIVE_SAMPLES: u8 = 24;
 /// Expected error above which headings are too uncertain to name a quadrant, degrees RMS.
 const MAX_ERROR_TO_NAME_QUADRANT_DEG: f32 = 3.0;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum VehicleMotion {
-    BanksIntoTurns,
-    TiltsOnKnownHeading,
-    TiltsOnUnknownHeading,
-}
-
 /// Correlation of bank and heading rate: 1 in coordinated turns, about 0.5 for a VTOL that hovered before them.
 const MIN_BANK_TO_TURN_RATE_CORRELATION: f32 = 0.45;
 
@@ -272,15 +263,10 @@ pub(in crate::calibration) fn select_manoeuvre(
     let parameters = ModelParameters::from_unknowns(unknowns);
     // Samples without attitude show no motion.
     let is_banking = fit.method == Method::Ellipsoid || banks_into_turns(fit.samples);
-    let vehicle_motion = match (is_banking, current_error.rms_deg <= MAX_ERROR_TO_NAME_QUADRANT_DEG) {
-        (true, _) => VehicleMotion::BanksIntoTurns,
-        (false, true) => VehicleMotion::TiltsOnKnownHeading,
-        (false, false) => VehicleMotion::TiltsOnUnknownHeading,
-    };
     // Only vehicles that do not bank into their turns turn on the spot.
     let rest_attitude = if is_banking { RollPitch::default() } else { steady_list(fit.samples) };
-    let (manoeuvre, error_after_deg) = (0..)
-        .map_while(|index| Manoeuvre::nth_candidate(index, vehicle_motion))
+    let names_quadrants = current_error.rms_deg <= MAX_ERROR_TO_NAME_QUADRANT_DEG;
+    let (manoeuvre, error_after_deg) = Manoeuvre::candidates(is_banking, names_quadrants)
         .filter_map(|manoeuvre| {
             let mut hypothetical = information.clone();
             let attitude = if manoeuvre == Manoeuvre::YawTurn { rest_attitude } else { manoeuvre.attitude() };
@@ -330,12 +316,9 @@ mod tests {
 
     #[test]
     fn candidates_match_the_vehicle_motion() {
-        let candidates = |moves| (0..).map_while(|index| Manoeuvre::nth_candidate(index, moves)).collect::<Vec<_>>();
-        assert_eq!(candidates(VehicleMotion::BanksIntoTurns), CIRCLE_MANOEUVRES);
-        for (moves, number, is_named) in
-            [(VehicleMotion::TiltsOnKnownHeading, 17, true), (VehicleMotion::TiltsOnUnknownHeading, 5, false)]
-        {
-            let others = candidates(moves);
+        for (number, is_named) in [(17, true), (5, false)] {
+            assert_eq!(Manoeuvre::candidates(true, is_named).collect::<Vec<_>>(), CIRCLE_MANOEUVRES);
+            let others: Vec<_> = Manoeuvre::candidates(false, is_named).collect();
             assert_eq!((others.len(), others[0]), (number, Manoeuvre::YawTurn));
             for (i, tilt) in others.iter().enumerate().skip(1) {
                 assert!(!others[..i].contains(tilt), "{others:?}");

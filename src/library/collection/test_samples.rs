@@ -10,7 +10,7 @@ use crate::time::WrappingMillis;
 /// Horizontal field of all simulated samples, microtesla.
 const RADIUS_UT: f32 = 20.0;
 
-const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
+pub const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
 /// A collector that has processed these samples.
 pub fn collected(procedure: Procedure, samples: impl IntoIterator<Item = Sample>) -> Collector<'static> {

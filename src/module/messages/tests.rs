@@ -120,9 +120,10 @@ fn rejections() -> Vec<ExpectedRefusal> {
     let attitude_contradicted = Rejection::AttitudeContradicted { reported_bank_ratio: 0.91, expected_rms_deg: 3.01 };
     let not_better = Rejection::NotBetter { candidate_score: 1.5, incumbent_score: 1.25 };
     let less_informative = Rejection::LessInformative { expected_rms_deg: 2.0, incumbent_rms_deg: 0.5 };
-    let iron_changed =
-        |time_course| Rejection::IronChanged(DetectedHardIronChange { size_ut: 6.04, time_course, duration_s: 230 });
-    let step = HardIronTimeCourse::Step { after_s: 31 };
+    let iron_changed = |time_course| {
+        Rejection::IronChanged(DetectedHardIronChange { size_ut: 6.04, time_course, duration_ms: 230_999 })
+    };
+    let step = HardIronTimeCourse::Step { after_ms: 31_999 };
     let cases: Vec<(Rejection, &str, &[&str])> = vec![
         (TOO_FEW_HELD_BACK, "too-few-held-back", &["5 of 8 samples to verify with", "; fly longer turns each way"]),
         (Rejection::Unobservable, "unobservable", &["; tilt by 15 deg or more ahead, back, right and left"]),

@@ -36,17 +36,8 @@ pub(in crate::calibration) fn solve_four_ellipse(
     let right_figures = TurnEllipsePair::new(samples, rotation, CollectionPart::RIGHT, 1.0)?;
     left_figures.bank.sine_of_difference(right_figures.bank)?;
     // Eq. 13: A [2 0 0; 0 sl sr; 0 cl cr] = coefficients, with the first columns of both turns added.
-    let banks = Matrix3::new(
-        2.0,
-        0.0,
-        0.0,
-        0.0,
-        left_figures.bank.sin,
-        right_figures.bank.sin,
-        0.0,
-        left_figures.bank.cos,
-        right_figures.bank.cos,
-    );
+    let (left, right) = (left_figures.bank, right_figures.bank);
+    let banks = Matrix3::new(2.0, 0.0, 0.0, 0.0, left.sin, right.sin, 0.0, left.cos, right.cos);
     let coefficients = Matrix3::from_columns(&[
         left_figures.response_to_x + right_figures.response_to_x,
         left_figures.response_to_z,
@@ -57,7 +48,7 @@ pub(in crate::calibration) fn solve_four_ellipse(
     let by_vertical = |bank: MeanBank| a_ut * Vector3::new(0.0, bank.cos, -bank.sin);
     let centres = TurnCentres {
         centres_ut: [left_figures.centre_ut, right_figures.centre_ut],
-        vertical_response_ut: [by_vertical(left_figures.bank), by_vertical(right_figures.bank)],
+        vertical_response_ut: [by_vertical(left), by_vertical(right)],
     };
     let vertical_field =
         inclination_rad.map_or_else(|| centres.vertical_field(), |given_rad| -inclination_tangent(given_rad));

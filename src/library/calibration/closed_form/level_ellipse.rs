@@ -94,10 +94,10 @@ pub(in crate::calibration) fn solve_level_ellipse(
     if headings < MIN_HEADINGS {
         return Err(SolveError::TooFewHeadings { have: headings, need: MIN_HEADINGS });
     }
-    let vertical = VerticalAxisFit::fit_vertical_axis(&ellipse_map, mount_fields, vertical_ut)
+    let [x, y, mean_ut] = fit_vertical_axis(&ellipse_map, mount_fields)
+        .filter(|responses_ut| responses_ut.iter().all(|ut| ut.abs() < 1e3 * vertical_ut))
         .ok_or(SolveError::NotAnEllipse(CollectionPart::LEVEL))?;
     let map = ellipse_map.map_ut;
-    let [x, y] = vertical.horizontal_response_ut;
     #[rustfmt::skip]
     let a_ut = Matrix3::new(
         map[(0, 0)], map[(0, 1)], 0.0,
@@ -105,33 +105,18 @@ pub(in crate::calibration) fn solve_level_ellipse(
         x,           y,           vertical_ut,
     );
     let b_ut = Vector3::new(ellipse_map.centre_ut.x, ellipse_map.centre_ut.y, 0.0);
-    Ok(SensorResponse { response_ut: a_ut, hard_iron_ut: b_ut, tan_inclination: vertical.mean_ut / vertical_ut })
+    Ok(SensorResponse { response_ut: a_ut, hard_iron_ut: b_ut, tan_inclination: mean_ut / vertical_ut })
 }
 
-struct VerticalAxisFit {
-    mean_ut: f32,
-    horizontal_response_ut: [f32; 2],
-}
-
-impl VerticalAxisFit {
-    fn fit_vertical_axis(
-        ellipse_map: &EllipseMap,
-        fields: impl Iterator<Item = Vector3<f32>>,
-        scale_ut: f32,
-    ) -> Option<Self> {
-        let circle_from_field = ellipse_map.map_ut.try_inverse()?;
-        let mut least_squares = LeastSquares::<3, 1>::new();
-        for field in fields {
-            least_squares.add_weighted_row(
-                &(circle_from_field * (field.xy() - ellipse_map.centre_ut)).push(1.0),
-                [field.z],
-                1.0,
-            );
-        }
-        let solution = least_squares.solve()?;
-        let is_sound = solution.iter().all(|c| c.abs() < 1e3 * scale_ut);
-        is_sound.then(|| Self { mean_ut: solution.z, horizontal_response_ut: [solution.x, solution.y] })
+/// Responses of the vertical axis to the horizontal field, and its mean, microtesla.
+fn fit_vertical_axis(ellipse_map: &EllipseMap, fields: impl Iterator<Item = Vector3<f32>>) -> Option<[f32; 3]> {
+    let circle_from_field = ellipse_map.map_ut.try_inverse()?;
+    let mut least_squares = LeastSquares::<3, 1>::new();
+    for field in fields {
+        let row = (circle_from_field * (field.xy() - ellipse_map.centre_ut)).push(1.0);
+        least_squares.add_weighted_row(&row, [field.z], 1.0);
     }
+    least_squares.solve().map(Into::into)
 }
 
 #[cfg(test)]

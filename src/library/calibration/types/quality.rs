@@ -176,14 +176,15 @@ impl ConsiderSigmas {
 pub enum HardIronTimeCourse {
     /// Sudden change.
     Step {
-        /// Time of the change after the first sample, seconds.
-        after_s: u16,
+        /// Time of the last sample before the change, after the first sample, milliseconds.
+        after_ms: u32,
     },
     /// Linear change from the first sample to the last.
     Drift,
-    /// Change in turns, with the load factor: iron in the linkage of the elevator.
+    /// Change with the load factor less one, as the deflection of the elevator: iron in its linkage. Constant above 25
+    /// deg of bank.
     LoadFactor,
-    /// Lag of the soft iron behind turns: hysteresis.
+    /// Lag of the soft iron's field behind turns: hysteresis.
     Hysteresis,
 }
 
@@ -194,18 +195,18 @@ pub struct DetectedHardIronChange {
     pub size_ut: f32,
     /// Time course of the change.
     pub time_course: HardIronTimeCourse,
-    /// Time from the first sample to the last, seconds.
-    pub duration_s: u16,
+    /// Time from the first sample to the last, milliseconds.
+    pub duration_ms: u32,
 }
 
 impl fmt::Display for DetectedHardIronChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // The cast saturates and maps NaN to 0.
-        let (tenths, of_s) = ((self.size_ut * 10.0 + 0.5) as u32, self.duration_s);
+        let (tenths, of_s) = ((self.size_ut * 10.0 + 0.5) as u32, self.duration_ms / 1000);
         let (whole, tenth) = (tenths / 10, tenths % 10);
         match self.time_course {
-            HardIronTimeCourse::Step { after_s } => {
-                write!(f, "iron changed by {whole}.{tenth} uT after {after_s} of {of_s} s")
+            HardIronTimeCourse::Step { after_ms } => {
+                write!(f, "iron changed by {whole}.{tenth} uT after {} of {of_s} s", after_ms / 1000)
             }
             HardIronTimeCourse::Drift => write!(f, "iron drifted by {whole}.{tenth} uT in {of_s} s"),
             HardIronTimeCourse::LoadFactor => write!(f, "iron moves by {whole}.{tenth} uT with the elevator in turns"),

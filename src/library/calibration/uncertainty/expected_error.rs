@@ -74,11 +74,7 @@ pub(in crate::calibration) fn expected_heading_error(
 ) -> Option<ExpectedError> {
     let heading_error_model = HeadingErrorModel::new(calibration)?;
     let (rms_deg, worst_deg) = heading_error_model.rms_and_worst_deg(covariance, envelope)?;
-    let size_deg = |part: Deviation| {
-        sigma_deg(mean_square_of_part(part, covariance, &|bank_deg, heading_index| {
-            heading_error_model.heading_jacobian_row(bank_deg, heading_index)
-        }))
-    };
+    let size_deg = |part: Deviation| sigma_deg(heading_error_model.mean_square_of_part(part, covariance));
     let weakest = Deviation::ALL_DEVIATIONS
         .into_iter()
         .filter(|&part| part != Deviation::Heeling || envelope == AttitudeEnvelope::Banked)
@@ -126,48 +122,38 @@ impl HeadingErrorModel {
         let mean = sum / (usize::from(HEADING_COUNT) * envelope.banks_deg().len()) as f32;
         mean.is_finite().then(|| (sigma_deg(mean), sigma_deg(worst)))
     }
+
+    fn mean_square_of_part(&self, part: Deviation, covariance: &CoefficientCovariance) -> f32 {
+        let heading_count = f32::from(HEADING_COUNT);
+        let rows_at = |bank_deg: f32| (0..HEADING_COUNT).map(move |index| self.heading_jacobian_row(bank_deg, index));
+        match part {
+            Deviation::Constant => covariance.variance(&(rows_at(0.0).sum::<Vector12>() / heading_count)),
+            Deviation::Semicircular => self.mean_square_of_harmonic(1.0, covariance),
+            Deviation::Quadrantal => self.mean_square_of_harmonic(2.0, covariance),
+            Deviation::Heeling => {
+                let differences = rows_at(30.0).zip(rows_at(-30.0)).map(|(right, left)| (right - left) / 2.0);
+                differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / heading_count
+            }
+        }
+    }
+
+    /// Mean square of the part with a number of periods per circle, square radians.
+    fn mean_square_of_harmonic(&self, periods_per_circle: f32, covariance: &CoefficientCovariance) -> f32 {
+        let coefficient = |weight: fn(f32) -> f32| {
+            let weighted = (0..HEADING_COUNT).map(|heading_index| {
+                let angle_rad = periods_per_circle * f32::from(heading_index) * FRAC_PI_6;
+                self.heading_jacobian_row(0.0, heading_index) * weight(angle_rad)
+            });
+            covariance.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADING_COUNT))))
+        };
+        // A sine of amplitude `c` has the mean square `c^2 / 2`.
+        coefficient(|angle_rad| trig::sin_cos(angle_rad).0)
+            .midpoint(coefficient(|angle_rad| trig::sin_cos(angle_rad).1))
+    }
 }
 
 fn sigma_deg(variance: f32) -> f32 {
     sqrt(variance).to_degrees()
-}
-
-fn mean_square_of_part(
-    part: Deviation,
-    covariance: &CoefficientCovariance,
-    jacobian_row_at: &impl Fn(f32, u8) -> Vector12,
-) -> f32 {
-    let heading_count = f32::from(HEADING_COUNT);
-    match part {
-        Deviation::Constant => covariance.variance(
-            &((0..HEADING_COUNT).map(|heading_index| jacobian_row_at(0.0, heading_index)).sum::<Vector12>()
-                / heading_count),
-        ),
-        Deviation::Semicircular => mean_square_of_harmonic(1.0, covariance, jacobian_row_at),
-        Deviation::Quadrantal => mean_square_of_harmonic(2.0, covariance, jacobian_row_at),
-        Deviation::Heeling => {
-            let differences = (0..HEADING_COUNT).map(|heading_index| {
-                (jacobian_row_at(30.0, heading_index) - jacobian_row_at(-30.0, heading_index)) / 2.0
-            });
-            differences.map(|difference| covariance.variance(&difference)).sum::<f32>() / heading_count
-        }
-    }
-}
-
-/// Mean square of the part with a number of periods per circle, square radians.
-fn mean_square_of_harmonic(
-    periods_per_circle: f32,
-    covariance: &CoefficientCovariance,
-    jacobian_row_at: &impl Fn(f32, u8) -> Vector12,
-) -> f32 {
-    let coefficient = |weight: fn(f32) -> f32| {
-        let weighted = (0..HEADING_COUNT).map(|heading_index| {
-            jacobian_row_at(0.0, heading_index) * weight(periods_per_circle * f32::from(heading_index) * FRAC_PI_6)
-        });
-        covariance.variance(&(weighted.sum::<Vector12>() * (2.0 / f32::from(HEADING_COUNT))))
-    };
-    // A sine of amplitude `c` has the mean square `c^2 / 2`.
-    coefficient(|angle_rad| trig::sin_cos(angle_rad).0).midpoint(coefficient(|angle_rad| trig::sin_cos(angle_rad).1))
 }
 
 #[cfg(test)]

@@ -5,15 +5,13 @@ use core::f32::consts::TAU;
 use nalgebra::Matrix3;
 use testkit::random::Random;
 
-use super::super::test_samples::{collected, stored_times_ms, test_sample, times_ms, turn_samples};
+use super::super::test_samples::{HARD_IRON_UT, collected, stored_times_ms, test_sample, times_ms, turn_samples};
 use super::*;
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
 use crate::collection::Collector;
 use crate::collection::progress::PartCoverage;
 use crate::frames::{Field, Level};
-
-const HARD_IRON_UT: Vector3<f32> = Vector3::new(60.0, -45.0, 80.0);
 
 /// Soft iron that deflects the field by up to 20 deg and scales it by a third.
 const BENT: Matrix3<f32> = Matrix3::new(1.3, 0.2, -0.1, 0.05, 0.7, 0.15, -0.2, 0.1, 1.1);

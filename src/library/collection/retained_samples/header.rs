@@ -110,19 +110,17 @@ impl CollectionHeader {
     }
 
     pub const fn state(&self) -> CollectionState {
+        const STOPPED: u8 = CollectionState::Stopped as u8;
+        const RUNNING: u8 = CollectionState::Running as u8;
         match self.state {
-            1 => CollectionState::Stopped,
-            2 => CollectionState::Running,
+            STOPPED => CollectionState::Stopped,
+            RUNNING => CollectionState::Running,
             _ => CollectionState::Inactive,
         }
     }
 
     pub const fn set_state(&mut self, state: CollectionState) {
-        self.state = match state {
-            CollectionState::Inactive => 0,
-            CollectionState::Stopped => 1,
-            CollectionState::Running => 2,
-        };
+        self.state = state as u8;
     }
 
     pub const fn collection_context(&self) -> CollectionContext {

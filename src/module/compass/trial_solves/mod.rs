@@ -58,16 +58,6 @@ impl TrialResult {
         }
     }
 
-    pub(super) fn from_solution(solution: &Solution, refusal: Option<Refusal>) -> Self {
-        Self {
-            expected_error_deg: Some(solution.quality.expected_rms_deg),
-            missing_manoeuvre: solution.advice.filter(Advice::is_worthwhile).map(|advice| advice.manoeuvre),
-            is_limited_by_attitude: solution.advice.as_ref().is_some_and(Advice::is_at_floor),
-            is_stalled: false,
-            refusal,
-        }
-    }
-
     pub(super) fn missing_manoeuvre_reason(&self) -> Option<CollectionProblem> {
         self.missing_manoeuvre.map(CollectionProblem::MissingManoeuvre)
     }
@@ -168,11 +158,17 @@ impl TrialSolves {
     /// bank in turns, six and two.
     pub fn record_result(&mut self, solution: &Solution, refusal: Option<Refusal>, wanted_deg: f32) -> bool {
         let expected_error_deg = solution.quality.expected_rms_deg;
-        let mut result = TrialResult::from_solution(solution, refusal);
         let is_settled = self.update_settled(expected_error_deg);
-        result.is_limited_by_attitude &=
-            is_settled && is_unchanged(self.best_expected_error_deg, expected_error_deg, NOTICEABLE_ERROR_RATIO);
-        result.is_stalled = self.update_stalled(expected_error_deg) && is_settled;
+        let is_near_best = is_unchanged(self.best_expected_error_deg, expected_error_deg, NOTICEABLE_ERROR_RATIO);
+        let result = TrialResult {
+            expected_error_deg: Some(expected_error_deg),
+            missing_manoeuvre: solution.advice.filter(Advice::is_worthwhile).map(|advice| advice.manoeuvre),
+            is_limited_by_attitude: solution.advice.as_ref().is_some_and(Advice::is_at_floor)
+                && is_settled
+                && is_near_best,
+            is_stalled: self.update_stalled(expected_error_deg) && is_settled,
+            refusal,
+        };
         let reached_before =
             self.last_result.as_ref().is_some_and(|last_result| last_result.reaches_accuracy(wanted_deg));
         let is_reached = result.reaches_accuracy(wanted_deg);

@@ -83,7 +83,7 @@ fn an_unverified_fit_needs_a_reference() {
 /// The expected error is at most 2 deg. Residuals are the cause if they are more than half of it in squares.
 #[test]
 fn uncertain_parameters_are_refused_with_the_cause() {
-    let time = DetectedHardIronChange { size_ut: 2.0, time_course: HardIronTimeCourse::Drift, duration_s: 100 };
+    let time = DetectedHardIronChange { size_ut: 2.0, time_course: HardIronTimeCourse::Drift, duration_ms: 100_000 };
     let bank = BankScaleFinding { reported_bank_ratio: 0.9, significance_sigmas: 5.0 };
     for (expected_rms_deg, by_time_deg, by_bank_deg, expected) in [
         (1.9, 1.8, 1.8, ""),

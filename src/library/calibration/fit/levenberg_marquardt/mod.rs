@@ -94,7 +94,7 @@ pub(in crate::calibration) struct Refinement {
     pub unknowns: Vector13,
     /// Whether the unknowns are refined, not only the noise.
     refines_unknowns: bool,
-    linear_system: LinearisedProblem,
+    pub linear_system: LinearisedProblem,
     damping: Damping,
     noise_estimate_count: u8,
     steps_since_noise_estimate: u8,
@@ -112,10 +112,6 @@ impl Refinement {
             noise_estimate_count: 0,
             steps_since_noise_estimate: 0,
         }
-    }
-
-    pub fn linearised_problem(&self) -> &LinearisedProblem {
-        &self.linear_system
     }
 
     /// Restarts with a latency in seconds, with the unknowns moved by `step`.

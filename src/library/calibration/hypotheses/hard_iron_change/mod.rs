@@ -78,26 +78,14 @@ const REFERENCE_EXCESS_LOAD_FACTOR: f32 = 0.1034;
 /// Relative `f32` rounding error of the information about `beta`.
 const RELATIVE_ROUNDING: f32 = 1e-5;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum TestedTimeCourse {
-    /// Step this many milliseconds after the first sample; `beta` is present up to and including this time.
-    Step(u32),
-    /// Linear decrease of `beta` to zero.
-    Drift,
-    /// Proportional to the load factor less one, as the deflection of the elevator; constant above 25 deg of bank.
-    LoadFactor,
-    /// Lag of the soft iron's field behind the turn.
-    Hysteresis,
-}
-
 impl TimeSpan {
-    /// Fraction of the hard-iron change `beta` in effect at a sample.
-    fn change_fraction_at(self, tested_time_course: TestedTimeCourse, sample: &Sample) -> f32 {
-        match tested_time_course {
-            TestedTimeCourse::Step(until_ms) => f32::from(u8::from(sample.time.ms_since(self.start) <= until_ms)),
-            TestedTimeCourse::Drift => 1.0 - self.elapsed_fraction(sample.time),
-            TestedTimeCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
-            TestedTimeCourse::Hysteresis => 1.0,
+    /// Fraction of the hard-iron change `beta` in effect at a sample: before a step, decreasing in a drift.
+    fn change_fraction_at(self, time_course: HardIronTimeCourse, sample: &Sample) -> f32 {
+        match time_course {
+            HardIronTimeCourse::Step { after_ms } => f32::from(u8::from(sample.time.ms_since(self.start) <= after_ms)),
+            HardIronTimeCourse::Drift => 1.0 - self.elapsed_fraction(sample.time),
+            HardIronTimeCourse::LoadFactor => load_factor_fraction(&sample.attitude.tilt_rotation().down_in_body()),
+            HardIronTimeCourse::Hysteresis => 1.0,
         }
     }
 }
@@ -174,7 +162,7 @@ fn rounding_floor(sums: &ScoreTest<3>) -> Matrix3<f32> {
 
 #[derive(Clone, Copy, Debug)]
 struct ChangeEstimate {
-    tested_time_course: TestedTimeCourse,
+    time_course: HardIronTimeCourse,
     beta: Vector3<f32>,
     significance: f32,
 }
@@ -250,8 +238,8 @@ impl HardIronScan {
         if self.processed_count.is_multiple_of(self.sample_count.div_ceil(MAX_TESTED_STEPS))
             && self.processed_count < self.sample_count
         {
-            self.test_time_course(system, TestedTimeCourse::Step(time.ms_since(self.time_span.start)));
-            self.extend_drift(self.time_span.change_fraction_at(TestedTimeCourse::Drift, sample));
+            self.test_time_course(system, HardIronTimeCourse::Step { after_ms: time.ms_since(self.time_span.start) });
+            self.extend_drift(self.time_span.change_fraction_at(HardIronTimeCourse::Drift, sample));
         }
     }
 
@@ -265,20 +253,20 @@ impl HardIronScan {
     }
 
     /// Tests a time course whose sums are complete.
-    fn test_time_course(&mut self, system: &LinearisedProblem, tested_time_course: TestedTimeCourse) {
-        let sums = match tested_time_course {
-            TestedTimeCourse::Step(_) => self.step_sums.score_test(&self.w),
-            TestedTimeCourse::Drift => self.drift_sums.score_test(&self.w),
-            TestedTimeCourse::LoadFactor => self.load_factor_sums.score_test(&self.w),
-            TestedTimeCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
+    fn test_time_course(&mut self, system: &LinearisedProblem, time_course: HardIronTimeCourse) {
+        let sums = match time_course {
+            HardIronTimeCourse::Step { .. } => self.step_sums.score_test(&self.w),
+            HardIronTimeCourse::Drift => self.drift_sums.score_test(&self.w),
+            HardIronTimeCourse::LoadFactor => self.load_factor_sums.score_test(&self.w),
+            HardIronTimeCourse::Hysteresis => as_three_unknowns(&self.hysteresis_sums),
         };
         let Some((beta, significance)) = estimate_hard_iron_change(&sums, system, &self.step_to_maximum) else {
             return;
         };
-        let advantage = if tested_time_course == TestedTimeCourse::LoadFactor { STEP_SEARCH_ADVANTAGE } else { 1.0 };
+        let advantage = if time_course == HardIronTimeCourse::LoadFactor { STEP_SEARCH_ADVANTAGE } else { 1.0 };
         if self.best_estimate.is_none_or(|best| significance * advantage > best.significance) {
             self.gradient_effect = sums.gradient_effect(&beta);
-            self.best_estimate = Some(ChangeEstimate { tested_time_course, beta, significance });
+            self.best_estimate = Some(ChangeEstimate { time_course, beta, significance });
         }
     }
 
@@ -291,29 +279,22 @@ impl HardIronScan {
         residuals: &ResidualStatistics,
     ) -> Option<ConfirmedChange> {
         self.extend_drift(0.0);
-        for tested_time_course in [TestedTimeCourse::Drift, TestedTimeCourse::LoadFactor, TestedTimeCourse::Hysteresis]
-        {
-            self.test_time_course(system, tested_time_course);
+        for time_course in [HardIronTimeCourse::Drift, HardIronTimeCourse::LoadFactor, HardIronTimeCourse::Hysteresis] {
+            self.test_time_course(system, time_course);
         }
         let estimate = self.best_estimate.filter(|estimate| estimate.significance > SECOND_PASS_SIGNIFICANCE)?;
-        let course = match estimate.tested_time_course {
-            TestedTimeCourse::Step(until_ms) => HardIronTimeCourse::Step { after_s: whole_seconds(until_ms) },
-            TestedTimeCourse::Drift => HardIronTimeCourse::Drift,
-            TestedTimeCourse::LoadFactor => HardIronTimeCourse::LoadFactor,
-            TestedTimeCourse::Hysteresis => HardIronTimeCourse::Hysteresis,
-        };
-        let size_ut = match estimate.tested_time_course {
-            TestedTimeCourse::Hysteresis => self.hysteresis.rms_field_change(estimate.beta.x),
+        let size_ut = match estimate.time_course {
+            HardIronTimeCourse::Hysteresis => self.hysteresis.rms_field_change(estimate.beta.x),
             _ => estimate.beta.vector_length(),
         };
         let detected_change = DetectedHardIronChange {
             size_ut: size_ut * fit.likelihood.field_unit_ut,
-            time_course: course,
-            duration_s: whole_seconds(self.time_span.duration_ms),
+            time_course: estimate.time_course,
+            duration_ms: self.time_span.duration_ms,
         };
         let second_pass = self.significance(&estimate, fit, system, residuals)?;
-        let added_in_turns = match estimate.tested_time_course {
-            TestedTimeCourse::LoadFactor => self.w * estimate.beta,
+        let added_in_turns = match estimate.time_course {
+            HardIronTimeCourse::LoadFactor => self.w * estimate.beta,
             _ => Vector3::zeros(),
         };
         let effect = HardIronChangeEffect { gradient: self.gradient_effect, added_in_turns };
@@ -335,8 +316,8 @@ impl HardIronScan {
         let mut last_turn = LastTurn::default();
         for sample in fit.samples.iter() {
             let equations = fit.likelihood.sample_equations(sample, None, &parameters);
-            let fraction = self.time_span.change_fraction_at(estimate.tested_time_course, sample);
-            let response = if estimate.tested_time_course == TestedTimeCourse::Hysteresis {
+            let fraction = self.time_span.change_fraction_at(estimate.time_course, sample);
+            let response = if estimate.time_course == HardIronTimeCourse::Hysteresis {
                 let down = sample.attitude.tilt_rotation().down_in_body();
                 let lagging = self.hysteresis.field_response(&down, last_turn.direction_at_sample(sample), &equations);
                 Matrix3::from_columns(&[lagging, Vector3::zeros(), Vector3::zeros()])
@@ -376,19 +357,15 @@ fn is_significant(estimate: &ChangeEstimate, size_ut: f32, second_pass: [f32; 2]
         let [first_limit, total_limit] = LINKAGE_SIGNIFICANCES;
         size_ut <= MAX_LINKAGE_UT && estimate.significance > first_limit && total_significance > total_limit
     };
-    let (total_limit, norm_limit) = match estimate.tested_time_course {
-        TestedTimeCourse::Step(_) | TestedTimeCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
-        TestedTimeCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
-        TestedTimeCourse::LoadFactor if is_linkage_in_both_passes() => return true,
-        TestedTimeCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
-        TestedTimeCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
-        TestedTimeCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
+    let (total_limit, norm_limit) = match estimate.time_course {
+        HardIronTimeCourse::Step { .. } | HardIronTimeCourse::Drift => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE),
+        HardIronTimeCourse::LoadFactor if total_significance > CERTAIN_SIGNIFICANCE => return true,
+        HardIronTimeCourse::LoadFactor if is_linkage_in_both_passes() => return true,
+        HardIronTimeCourse::Hysteresis if total_significance > MIN_SIGNIFICANCE => return true,
+        HardIronTimeCourse::LoadFactor => (MIN_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
+        HardIronTimeCourse::Hysteresis => (MIN_HYSTERESIS_SIGNIFICANCE, MIN_NORM_SIGNIFICANCE_OF_SINGLE_TEST),
     };
     total_significance > total_limit && norm_significance > norm_limit
-}
-
-fn whole_seconds(ms: u32) -> u16 {
-    u16::try_from(ms / 1000).unwrap_or(u16::MAX)
 }
 
 /// Derivative of a residual by a hard-iron change `beta`, which lowers the corrected field by `W beta`.

@@ -370,7 +370,7 @@ impl Solver {
     #[inline(never)]
     fn information(&self, likelihood: &Likelihood, samples: Samples<'_>) -> Information {
         if likelihood.known_inclination_rad == self.refinement.likelihood.known_inclination_rad {
-            Information::new(self.refinement.linearised_problem())
+            Information::new(&self.refinement.linear_system)
         } else {
             Information::new(&LinearisedProblem::linearise(likelihood, samples, &self.refinement.unknowns))
         }

@@ -24,7 +24,7 @@ fn typical_flight() -> (Airframe, RecordedTurns) {
 /// Another start is tried for an expected error above 3 deg, and for hard iron of six times the Earth's field.
 #[test]
 fn a_poor_result_is_one_that_another_start_may_improve() {
-    let change = DetectedHardIronChange { size_ut: 9.0, time_course: HardIronTimeCourse::Drift, duration_s: 200 };
+    let change = DetectedHardIronChange { size_ut: 9.0, time_course: HardIronTimeCourse::Drift, duration_ms: 200_000 };
     for (name, result, expected) in [
         ("good", Ok(solution_with_error(2.0, 200.0)), false),
         ("large expected error", Ok(solution_with_error(4.0, 0.0)), true),
