@@ -71,7 +71,7 @@ fn cal_start_takes_control_of_an_automatic_collection() {
 fn user_control_prevents_automatic_starts() {
     let samples = hover_samples(6);
     for (command, keeps_samples, return_to_automatic) in [
-        (Command::CalStop, true, Command::Set(SettingChange::named("AUTO", 1.0).unwrap())),
+        (Command::CalStop, true, Command::Set(setting_change("AUTO", 1.0))),
         (Command::CalAbort, false, Command::CalClear),
     ] {
         let mut bed = collecting_automatically(&samples);
@@ -117,8 +117,8 @@ fn a_failed_solve_ends_the_user_s_collection_and_continues_an_automatic_one() {
 fn automatic_collection_can_be_switched_off() {
     let samples = hover_samples(7);
     let mut bed = collecting_automatically(&samples);
-    assert_eq!(bed.set(SettingChange::named("STREAM_RATE", 20.0).unwrap()), ModuleState::Collecting, "another setting");
-    bed.set(SettingChange::named("AUTO", 0.0).unwrap());
+    assert_eq!(bed.set(setting_change("STREAM_RATE", 20.0)), ModuleState::Collecting, "another setting");
+    bed.set(setting_change("AUTO", 0.0));
     assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
     bed.collect(&samples[60..160]);
     assert_eq!(bed.state_and_fit_count(), (ModuleState::Uncalibrated, 0));
@@ -126,7 +126,7 @@ fn automatic_collection_can_be_switched_off() {
     bed.collect(&samples[..60]);
     let user_collection = bed.state_and_fit_count();
     for on in [true, false] {
-        bed.set(SettingChange::named("AUTO", f32::from(u8::from(on))).unwrap());
+        bed.set(setting_change("AUTO", f32::from(u8::from(on))));
         assert_eq!(bed.state_and_fit_count(), user_collection, "{on}");
     }
 }

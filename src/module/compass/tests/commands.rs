@@ -5,12 +5,11 @@ use super::*;
 /// Settings that no solve uses.
 fn other_settings() -> [SettingChange; 4] {
     [
-        SettingChange::named("STREAM", 0.0),
-        SettingChange::named("STREAM_RATE", 5.0),
-        SettingChange::named("STREAM_HEADING", f32::from(HeadingKind::Raw as u8)),
-        SettingChange::named("DECLINATION", 3.0),
+        setting_change("STREAM", 0.0),
+        setting_change("STREAM_RATE", 5.0),
+        setting_change("STREAM_HEADING", f32::from(HeadingKind::Raw as u8)),
+        setting_change("DECLINATION", 3.0),
     ]
-    .map(Option::unwrap)
 }
 
 #[test]
@@ -29,9 +28,9 @@ fn settings_of_a_running_solve_cannot_change() {
         Command::Align(Some(10.0)),
         Command::Align(None),
         Command::AlignConfirmed(10.0),
-        Command::Set(SettingChange::named("MOUNT", 0.0).unwrap()),
-        Command::Set(SettingChange::named("INCLINATION", 50.0).unwrap()),
-        Command::Set(SettingChange::named("ATT_ERROR_DEG", 0.2).unwrap()),
+        Command::Set(setting_change("MOUNT", 0.0)),
+        Command::Set(setting_change("INCLINATION", 50.0)),
+        Command::Set(setting_change("ATT_ERROR_DEG", 0.2)),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
     }
@@ -54,8 +53,8 @@ fn ground_commands_are_refused_while_armed() {
         Command::CalMark(10.0),
         Command::CalClear,
         Command::CalUndo,
-        Command::Set(SettingChange::named("MOUNT", 0.0).unwrap()),
-        Command::SetFromBus(SettingChange::named("STREAM_RATE", 20.0).unwrap()),
+        Command::Set(setting_change("MOUNT", 0.0)),
+        Command::SetFromBus(setting_change("STREAM_RATE", 20.0)),
         Command::ResetSettings,
         Command::Restart,
     ];
@@ -78,7 +77,7 @@ fn ground_commands_are_refused_while_armed() {
     assert_eq!(bed.expect_refusal(Command::CalStartNew(None)), Refusal::Armed, "it is a swing again");
     assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Calibrated);
     bed.report_armed(Some(false));
-    for command in [Command::CalUndo, Command::Set(SettingChange::named("MOUNT", 0.0).unwrap()), Command::CalClear] {
+    for command in [Command::CalUndo, Command::Set(setting_change("MOUNT", 0.0)), Command::CalClear] {
         bed.expect_saved(command);
     }
 }
@@ -93,8 +92,7 @@ fn commands_other_than_ground_commands_are_accepted_while_armed() {
         assert_eq!(bed.expect_done(Command::CalStop), ModuleState::Uncalibrated);
     }
     assert_eq!(bed.expect_done(Command::CalAbort), ModuleState::Uncalibrated);
-    let used_by_solves =
-        [SettingChange::named("INCLINATION", None).unwrap(), SettingChange::named("ATT_ERROR_DEG", 0.2).unwrap()];
+    let used_by_solves = [setting_change("INCLINATION", None), setting_change("ATT_ERROR_DEG", 0.2)];
     for setting in other_settings().into_iter().chain(used_by_solves) {
         bed.set(setting);
     }
@@ -116,7 +114,7 @@ fn commands_that_change_state_are_refused_during_a_save() {
         Command::Restart,
         Command::CalClear,
         Command::CalStart(Procedure::Turns),
-        Command::Set(SettingChange::named("STREAM", 0.0).unwrap()),
+        Command::Set(setting_change("STREAM", 0.0)),
         Command::Align(None),
     ] {
         assert_eq!(bed.expect_refusal(command), Refusal::Busy, "{command:?}");
@@ -130,13 +128,11 @@ fn commands_that_change_state_are_refused_during_a_save() {
 /// calibration.
 #[test]
 fn the_indicator_shows_a_refused_solve() {
-    let mut bed = TestBed::with_setting(
-        SettingChange::named("MOUNT", f32::from(Orientation::from_name("yaw90").unwrap().number())).unwrap(),
-    );
+    let mut bed = TestBed::with_setting(mount_change(Orientation::from_name("yaw90").unwrap()));
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Idle);
     assert_eq!(bed.calibrate(&complete_turns(1)).unwrap_err().stable_code(), "mount-contradicted");
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Refused);
-    bed.set(SettingChange::named("MOUNT", 0.0).unwrap());
+    bed.set(setting_change("MOUNT", 0.0));
     bed.calibrate(&complete_turns(1)).unwrap();
     assert_eq!(bed.compass.indicator_state(), IndicatorState::Calibrated);
 }

@@ -62,9 +62,9 @@ fn configured_declination_and_inclination_override_the_model() {
     let report = bed.status_report();
     assert_eq!((report.settings, report.local_field.model_field()), (Settings::DEFAULT, Some(&field)));
     for (setting, angles_deg) in [
-        (SettingChange::named("DECLINATION", -3.5).unwrap(), (Some(-3.5), inclination_deg)),
-        (SettingChange::named("INCLINATION", 60.0).unwrap(), (Some(-3.5), Some(60.0))),
-        (SettingChange::named("DECLINATION", None).unwrap(), (declination_deg, Some(60.0))),
+        (setting_change("DECLINATION", -3.5), (Some(-3.5), inclination_deg)),
+        (setting_change("INCLINATION", 60.0), (Some(-3.5), Some(60.0))),
+        (setting_change("DECLINATION", None), (declination_deg, Some(60.0))),
     ] {
         bed.set(setting);
         assert_eq!(bed.effective_field_angles_deg(), angles_deg, "{setting:?}");

@@ -119,7 +119,7 @@ fn commands_interrupt_trial_solves() {
     };
     let mut bed = in_trial();
     assert_eq!(bed.status_report().module_state, ModuleState::Collecting);
-    bed.set(SettingChange::named("STREAM_RATE", 5.0).unwrap());
+    bed.set(setting_change("STREAM_RATE", 5.0));
     assert!(bed.compass.needs_solve_step(), "neither a report nor another setting interrupts it");
     for (command, state) in [
         (Command::CalStop, ModuleState::Uncalibrated),
@@ -131,7 +131,7 @@ fn commands_interrupt_trial_solves() {
         assert!(!bed.compass.needs_solve_step() && bed.trial_result().is_none(), "{command:?}");
     }
     let mut bed = in_trial();
-    assert_eq!(bed.set(SettingChange::named("INCLINATION", 55.0).unwrap()), ModuleState::Collecting);
+    assert_eq!(bed.set(setting_change("INCLINATION", 55.0)), ModuleState::Collecting);
     assert!(!bed.compass.needs_solve_step());
     let mut bed = in_trial();
     assert_eq!(bed.expect_done(Command::CalSolve(None)), ModuleState::Solving);
@@ -141,14 +141,12 @@ fn commands_interrupt_trial_solves() {
 /// The samples are usable with the corrected mounting.
 #[test]
 fn a_trial_solve_reports_a_refusal_in_flight() {
-    let mut bed = TestBed::with_setting(
-        SettingChange::named("MOUNT", f32::from(Orientation::from_name("yaw90").unwrap().number())).unwrap(),
-    );
+    let mut bed = TestBed::with_setting(mount_change(Orientation::from_name("yaw90").unwrap()));
     bed.start(Procedure::Flight);
     bed.collect(&hover_samples(8));
     let trial = bed.trial_result().unwrap();
     let contradicted = SolveError::MountContradicted { found: Orientation::IDENTITY_ROTATION };
     assert_eq!((trial.refusal, trial.expected_error_deg), (Some(Refusal::Solve(contradicted)), None));
-    bed.set(SettingChange::named("MOUNT", 0.0).unwrap());
+    bed.set(setting_change("MOUNT", 0.0));
     assert!(bed.solve().is_ok());
 }

@@ -52,7 +52,7 @@ impl TestBed<'static> {
 
     /// Collects in flight until this accuracy.
     fn with_accuracy(accuracy_deg: f32) -> Self {
-        let mut bed = Self::with_setting(SettingChange::named("ACCURACY", accuracy_deg).unwrap());
+        let mut bed = Self::with_setting(setting_change("ACCURACY", accuracy_deg));
         bed.start(Procedure::Flight);
         bed
     }
@@ -285,6 +285,15 @@ impl<'a> TestBed<'a> {
     }
 }
 
+/// Change of the setting with this parameter name.
+fn setting_change(parameter_name: &str, number: impl Into<Option<f32>>) -> SettingChange {
+    SettingChange::named(parameter_name, number).unwrap()
+}
+
+fn mount_change(mount: Orientation) -> SettingChange {
+    setting_change("MOUNT", f32::from(mount.number()))
+}
+
 fn airframe() -> Airframe {
     Airframe::random(&mut Random(11), 0.1, 1.0, 5.0, [55.0, 55.0])
 }
@@ -317,10 +326,10 @@ fn a_correction_contains_mounting_armed_state_and_expected_errors() {
     compass.process_event(Event::ArmedStateReported(Some(false)));
     assert_eq!(compass.instrument_correction(), Correction { is_armed: Some(false), ..Correction::UNCALIBRATED });
     let mount = Orientation::from_name("yaw90").unwrap();
-    let mut bed = TestBed::with_setting(SettingChange::named("MOUNT", f32::from(mount.number())).unwrap());
+    let mut bed = TestBed::with_setting(mount_change(mount));
     assert_eq!(bed.compass.instrument_correction(), Correction { mount: Some(mount), ..Correction::UNCALIBRATED });
-    bed.set(SettingChange::named("GYRO_ERROR", 50.0 / 8.0).unwrap());
-    bed.set(SettingChange::named("IRON_DRIFT", 0.5).unwrap());
+    bed.set(setting_change("GYRO_ERROR", 50.0 / 8.0));
+    bed.set(setting_change("IRON_DRIFT", 0.5));
     assert_eq!(
         bed.compass.instrument_correction().sensor_errors,
         SensorErrorSigmas { gyro_scale: 0.0625, hard_iron_drift_per_minute: 0.005 }
@@ -359,11 +368,8 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
     bed.expect_none(Event::SensorDetected(SENSOR, READINGS_PER_SAMPLE));
     assert_eq!(bed.state(), ModuleState::Calibrated);
     let turned = Orientation::from_name("yaw90").unwrap();
-    assert_eq!(
-        bed.set(SettingChange::named("MOUNT", f32::from((turned).number())).unwrap()),
-        ModuleState::Uncalibrated
-    );
-    assert_eq!(bed.set(SettingChange::named("MOUNT", 0.0).unwrap()), ModuleState::Calibrated);
+    assert_eq!(bed.set(mount_change(turned)), ModuleState::Uncalibrated);
+    assert_eq!(bed.set(setting_change("MOUNT", 0.0)), ModuleState::Calibrated);
     let memory = &mut RetainedSamples::EMPTY.clone();
     assert!(Compass::new(&bed.flash, memory).active_record().is_none(), "no sensor yet");
 }
@@ -371,12 +377,12 @@ fn a_record_is_used_only_with_its_sensor_and_mounting() {
 #[test]
 fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     let mount = Orientation::from_name("roll180-yaw90").unwrap();
-    let mut bed = TestBed::with_setting(SettingChange::named("MOUNT", f32::from(mount.number())).unwrap());
+    let mut bed = TestBed::with_setting(mount_change(mount));
     bed.calibrate(&complete_turns(1).map_samples(|sample| in_mount(sample, mount))).unwrap();
     assert_eq!(bed.active_record().mount, mount);
     // An inclination 2 deg off shifts the estimate; one 5 deg off is refused.
     let solve_with = |inclination_deg| {
-        let mut bed = TestBed::with_setting(SettingChange::named("INCLINATION", inclination_deg).unwrap());
+        let mut bed = TestBed::with_setting(setting_change("INCLINATION", inclination_deg));
         bed.calibrate(&few_turns(1)).map(|_| bed.calibrated_inclination_deg())
     };
     let (free, given) = (solve_with(None).unwrap(), solve_with(Some(57.0)).unwrap());
@@ -384,9 +390,9 @@ fn a_solve_uses_the_configured_mounting_inclination_and_attitude_error() {
     let contradicted = SolveError::InclinationContradicted { found_deg: 55 };
     assert_eq!(solve_with(Some(60.0)), Err(Refusal::Solve(contradicted)));
     let expected_deg = |bias_deg, bank_percent| {
-        let bias = SettingChange::named("ATT_ERROR_DEG", bias_deg).unwrap();
+        let bias = setting_change("ATT_ERROR_DEG", bias_deg);
         let mut bed = TestBed::with_setting(bias);
-        bed.set(SettingChange::named("ATT_ERROR_BANK", bank_percent).unwrap());
+        bed.set(setting_change("ATT_ERROR_BANK", bank_percent));
         let quality = bed.calibrate(&few_turns(1)).unwrap().quality;
         let Ok(Reply::Advice(advice)) = bed.request_reply(Command::CalAdvise) else { panic!("none") };
         assert!((advice.expected_deg - quality.expected_rms_deg).abs() < 1e-4, "{advice:?}");
@@ -405,12 +411,9 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
     let failed = || Event::Saved(Err(StoreError::ReadBackDiffers));
     let refusal = Refusal::Store(StoreError::ReadBackDiffers);
     let mut bed = TestBed::with_calibrations(&[calibration_record(2), calibration_record(1)]);
-    for command in [
-        Command::CalUndo,
-        Command::CalClear,
-        Command::Set(SettingChange::named("STREAM", 0.0).unwrap()),
-        Command::Align(None),
-    ] {
+    for command in
+        [Command::CalUndo, Command::CalClear, Command::Set(setting_change("STREAM", 0.0)), Command::Align(None)]
+    {
         assert!(matches!(bed.send_command(command), Effect::Save));
         let effect = bed.compass.process_event(failed());
         assert!(matches!(&effect, Effect::Reply(Err(found)) if *found == refusal), "{command:?}: {effect:?}");
@@ -432,10 +435,10 @@ fn a_change_that_cannot_be_stored_has_no_effect() {
 #[test]
 fn settings_out_of_range_are_refused_and_not_written() {
     let mut bed = TestBed::new();
-    let refused = bed.expect_refusal(Command::Set(SettingChange::named("STREAM_RATE", 81.0).unwrap()));
+    let refused = bed.expect_refusal(Command::Set(setting_change("STREAM_RATE", 81.0)));
     assert_eq!(refused, Refusal::OutOfRange(OutOfRange("stream-rate is 1 to 80 Hz")));
     assert!(bed.compass.pending_change().is_none());
-    bed.set(SettingChange::named("STREAM_RATE", 80.0).unwrap());
+    bed.set(setting_change("STREAM_RATE", 80.0));
     assert_eq!(bed.flash.settings, Settings { stream_rate_hz: 80, ..Settings::DEFAULT });
 }
 

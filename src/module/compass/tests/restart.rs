@@ -191,7 +191,7 @@ fn detected_protocols_are_written_once() {
     });
     module.restart(|bed| {
         expect_written(bed, &[(1000, other, msp, 2), (9000, other, msp, 2)]);
-        bed.set(SettingChange::named("PORT1", f32::from(ProtocolKind::Mavlink as u8)).unwrap());
+        bed.set(setting_change("PORT1", f32::from(ProtocolKind::Mavlink as u8)));
         expect_written(bed, &[(10_000, DETECTED_PROTOCOLS, msp, 2), (20_000, DETECTED_PROTOCOLS, msp, 2)]);
     });
 }
