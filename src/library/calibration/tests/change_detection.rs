@@ -14,8 +14,7 @@ use crate::time::WrappingMillis;
 
 /// Flight of 75 s of left turns, then 75 s of right turns.
 fn seeded_flight(seed: u64, flight: Flight) -> (Airframe, RecordedTurns) {
-    let mut random = Random(9000 + seed);
-    let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+    let (mut random, airframe) = Airframe::seeded(9000 + seed, 0.2, 1.5, 10.0, [-70.0, 70.0]);
     let recorded = flight.fly(&airframe, &mut random).left_then_right();
     (airframe, recorded)
 }
@@ -111,8 +110,7 @@ fn a_hard_iron_drift_is_detected() {
 fn hard_iron_in_a_linkage_is_detected() {
     let mut sizes = Vec::new();
     for seed in 0..20 {
-        let mut random = Random(9200 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let (mut random, airframe) = Airframe::seeded(9200 + seed, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let mut turns = Flight::TYPICAL.fly(&airframe, &mut random).left_then_right();
         let beta_ut = change_of_hard_iron(seed, 4.0);
         for sample in turns.samples_mut() {
@@ -140,8 +138,7 @@ fn lag_of_soft_iron_in_turns_is_detected_with_its_size() {
     let lag_rad = 15_f32.to_radians();
     let mut ratios = Vec::new();
     for seed in 0..20 {
-        let mut random = Random(9100 + seed);
-        let airframe = Airframe::random(&mut random, 0.4, 1.0, 0.0, [30.0, 60.0]);
+        let (mut random, airframe) = Airframe::seeded(9100 + seed, 0.4, 1.0, 0.0, [30.0, 60.0]);
         let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random).left_then_right();
         let soft_iron = airframe.a - Matrix3::identity() * airframe.a.determinant().cbrt();
         let w = airframe.a.try_inverse().unwrap();

@@ -1,6 +1,6 @@
 //! Expected error: method errors, errors of the attitude source, correlated samples.
 
-use super::synthetic::{Airframe, Flight, Random, RecordedTurns, rms};
+use super::synthetic::{Airframe, Flight, RecordedTurns, rms};
 use crate::calibration::tests::NO_PRIOR;
 use crate::calibration::{
     Calibration, CollectionPart, ConsiderSigmas, Manoeuvre, Method, Sample, Solution, Solver, solve_samples,
@@ -10,8 +10,7 @@ use crate::frames::{RollPitch, wrap_pi};
 /// Random flights in light to rough weather, airframes up to bad ones.
 fn flights(seeds: core::ops::Range<u64>) -> impl Iterator<Item = (u64, Airframe, RecordedTurns)> {
     seeds.map(|seed| {
-        let mut random = Random(7000 + seed);
-        let airframe = Airframe::random(&mut random, 0.3, 2.0, 15.0, [-70.0, 72.0]);
+        let (mut random, airframe) = Airframe::seeded(7000 + seed, 0.3, 2.0, 15.0, [-70.0, 72.0]);
         let flight = Flight {
             bank_deg: random.uniform(15.0, 45.0),
             samples_per_side: 80,
@@ -97,8 +96,7 @@ fn consider_states_predict_the_effect_of_attitude_errors() {
 fn autocorrelated_attitude_errors_raise_the_expected_error() {
     let (mut expected, mut real) = (Vec::new(), Vec::new());
     for seed in 0..12 {
-        let mut random = Random(7100 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
+        let (mut random, airframe) = Airframe::seeded(7100 + seed, 0.2, 1.5, 10.0, [-65.0, 65.0]);
         let exact = Flight { wander_deg: 2.0, sensor_noise_ut: 0.05, ..Flight::NOISE_FREE }.fly(&airframe, &mut random);
         let mut noisy = |keep: f32| {
             let mut noisy = exact.clone();

@@ -113,8 +113,7 @@ fn coplanar_or_broken_samples_give_no_non_finite_start() {
 #[test]
 fn a_mirrored_attitude_is_detected() {
     for seed in 0..10 {
-        let mut random = Random(8300 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [40.0, 70.0]);
+        let (mut random, airframe) = Airframe::seeded(8300 + seed, 0.2, 1.5, 10.0, [40.0, 70.0]);
         let samples = multirotor_samples(&airframe, 0.3, &mut random);
         for (roll, pitch) in [(-1.0, 1.0), (1.0, -1.0)] {
             let mirror = |sample: &Sample| {
@@ -136,8 +135,7 @@ fn a_mirrored_attitude_is_detected() {
 /// A multirotor may bank out of a turn.
 #[test]
 fn banking_out_of_a_turn_is_accepted_with_body_rates() {
-    let mut random = Random(8400);
-    let airframe = Airframe::random(&mut random, 0.2, 1.0, 5.0, [55.0, 65.0]);
+    let (mut random, airframe) = Airframe::seeded(8400, 0.2, 1.0, 5.0, [55.0, 65.0]);
     let turn = |bank_deg: f32, rate_rad_s: f32, known: bool, from_ms: u32, random: &mut Random| -> Vec<Sample> {
         (0..120_u16)
             .map(|i| {
@@ -159,8 +157,7 @@ fn banking_out_of_a_turn_is_accepted_with_body_rates() {
 #[test]
 fn straight_flight_determines_no_calibration() {
     for seed in 0..40 {
-        let mut random = Random(8300 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 0.5, 3.0, [40.0, 72.0]);
+        let (mut random, airframe) = Airframe::seeded(8300 + seed, 0.2, 0.5, 3.0, [40.0, 72.0]);
         let ahead_rad = random.uniform(0.0, TAU);
         let [roll_deg, pitch_deg, heading_deg] = [4.0, 1.5, 6.0].map(|maximum| random.uniform(0.5 * maximum, maximum));
         let samples: Vec<Sample> = (0..448_u16)

@@ -71,8 +71,7 @@ fn latency_is_estimated_with_an_honest_sigma() {
         let [mut found_ms, mut sigmas_ms, mut normalised_errors, mut ratios] = [const { Vec::new() }; 4];
         let mut applied = 0;
         for seed in 0..60 {
-            let mut random = Random(9000 + seed);
-            let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
+            let (mut random, airframe) = Airframe::seeded(9000 + seed, 0.1, 1.0, 5.0, [-65.0, 65.0]);
             let solution = solve_turns(&fly_with_latency(&airframe, wander_deg, late_s, &mut random)).unwrap();
             let AttitudeLatency { estimate_s, sigma_s } = solution.quality.latency.unwrap();
             found_ms.push(estimate_s * 1e3);
@@ -93,8 +92,7 @@ fn latency_is_estimated_with_an_honest_sigma() {
 }
 
 fn flight_with_latency(seed: u64, late_s: f32) -> RecordedTurns {
-    let mut random = Random(seed);
-    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+    let (mut random, airframe) = Airframe::seeded(seed, 0.1, 1.0, 5.0, [50.0, 60.0]);
     fly_with_latency(&airframe, 3.0, late_s, &mut random)
 }
 

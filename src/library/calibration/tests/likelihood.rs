@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::synthetic::{Airframe, Flight, Parts, Random, max_abs, turn_samples};
+use super::synthetic::{Airframe, Flight, Parts, max_abs, turn_samples};
 use crate::calibration::fit::linearised_problem::LinearisedProblem;
 use crate::calibration::model::{Likelihood, ModelConfig, ModelParameters, NoiseModel, Vector13};
 use crate::calibration::tests::NO_PRIOR;
@@ -87,8 +87,7 @@ fn early_iterations_use_a_subset_of_many_samples() {
 #[test]
 fn huge_hard_iron_costs_no_precision() {
     for seed in 0..20 {
-        let mut random = Random(6000 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 0.0, 5.0, [-60.0, 60.0]);
+        let (mut random, airframe) = Airframe::seeded(6000 + seed, 0.2, 0.0, 5.0, [-60.0, 60.0]);
         let airframe = Airframe { b_ut: Vector3::new(2000.0, -2000.0, 1000.0), ..airframe };
         let recorded = Flight { wander_deg: 2.0, ..Flight::NOISE_FREE }.fly(&airframe, &mut random);
         let mut likelihood = Likelihood::new(&NO_PRIOR, ModelConfig::DEFAULT, recorded.turns(), airframe.total_ut);

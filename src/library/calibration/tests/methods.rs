@@ -165,8 +165,7 @@ fn a_configured_inclination_improves_a_level_swing_when_banked() {
 #[test]
 fn tumbling_determines_shape_and_centre() {
     for seed in 0..50 {
-        let mut random = Random(1100 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 0.0, [-70.0, 70.0]);
+        let (mut random, airframe) = Airframe::seeded(1100 + seed, 0.2, 1.5, 0.0, [-70.0, 70.0]);
         let samples = turn_samples(&tumbled_samples(&airframe, 0.12, &mut random), &[]);
         assert_eq!(select_method(samples, Procedure::Tumble), Ok(Method::Ellipsoid));
         let solution = solve(Method::Ellipsoid, samples);
@@ -183,8 +182,7 @@ fn tumbling_determines_shape_and_centre() {
 #[test]
 fn turns_do_not_determine_an_ellipsoid() {
     for seed in 0..20 {
-        let mut random = Random(1300 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 5.0, [-60.0, 60.0]);
+        let (mut random, airframe) = Airframe::seeded(1300 + seed, 0.2, 1.5, 5.0, [-60.0, 60.0]);
         let recorded = Flight { wander_deg: 0.5, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let result = solve_samples(Method::Ellipsoid, recorded.turns(), &NO_PRIOR);
         let open = matches!(result, Err(SolveError::NotDetermined(CollectionPart::FREE) | SolveError::NotConverged));
@@ -214,8 +212,7 @@ fn a_wrong_configured_inclination_does_little_harm() {
 #[test]
 fn one_side_and_level_flight_have_an_honest_expected_error() {
     for seed in 0..50 {
-        let mut random = Random(1700 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
+        let (mut random, airframe) = Airframe::seeded(1700 + seed, 0.2, 1.5, 10.0, [-65.0, 65.0]);
         let turns = Flight { attitude_bias_deg: 0.0, ..Flight::TYPICAL }.fly(&airframe, &mut random);
         let level = level_circle(&airframe, 60, &mut random);
         let samples = Parts { left: &turns.left, level: &level, ..Parts::default() }.samples();
@@ -228,8 +225,7 @@ fn one_side_and_level_flight_have_an_honest_expected_error() {
 /// error grows.
 #[test]
 fn sigma_over_the_envelope_is_the_expected_error() {
-    let mut random = Random(3);
-    let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [50.0, 50.0]);
+    let (mut random, airframe) = Airframe::seeded(3, 0.2, 1.5, 10.0, [50.0, 50.0]);
     let flight = Flight::TYPICAL.fly(&airframe, &mut random);
     let solved = |consider: ConsiderSigmas| {
         let solver = Solver::with_consider_sigmas(Method::MaximumLikelihood, flight.turns(), &NO_PRIOR, consider);

@@ -97,8 +97,7 @@ fn expected_error_matches_the_actual_error_of_100_flights() {
     let mut constant = Vec::new();
     let mut ratios = Vec::new();
     for seed in 0..100 {
-        let mut random = Random(5000 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let (mut random, airframe) = Airframe::seeded(5000 + seed, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let solution = solve_turns(&Flight::TYPICAL.fly(&airframe, &mut random)).unwrap();
         let errors = airframe.errors_deg(&solution.calibration);
         actual.push(rms(&errors));

@@ -72,8 +72,7 @@ fn significant_interference_is_estimated_and_used() {
     ] {
         let [mut normalised_errors, mut actual_deg, mut expected_deg, mut ratios] = [const { Vec::new() }; 4];
         for seed in 0..40 {
-            let mut random = Random(4000 + seed);
-            let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [-65.0, 65.0]);
+            let (mut random, airframe) = Airframe::seeded(4000 + seed, 0.1, 1.0, 5.0, [-65.0, 65.0]);
             let k = random_vector(&mut random, 1.0).normalize() * size_ut_per_a;
             let solution = solve_turns(&fly_with_current(&airframe, k, currents, &mut random)).unwrap();
             let interference = solution.calibration.motor_current;
@@ -94,8 +93,7 @@ fn significant_interference_is_estimated_and_used() {
 }
 
 fn flight_with_current(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
-    let mut random = Random(seed);
-    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+    let (mut random, airframe) = Airframe::seeded(seed, 0.1, 1.0, 5.0, [50.0, 60.0]);
     let k = Vector3::new(0.25, -0.3, 0.15);
     let recorded = fly_with_current(&airframe, k, CurrentProfile::Bursts, &mut random);
     (airframe, k, recorded)
@@ -104,8 +102,7 @@ fn flight_with_current(seed: u64) -> (Airframe, Vector3<f32>, RecordedTurns) {
 /// A third of the currents may not be missing, a fifth may.
 #[test]
 fn without_most_currents_there_is_no_estimate() {
-    let mut random = Random(1);
-    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+    let (mut random, airframe) = Airframe::seeded(1, 0.1, 1.0, 5.0, [50.0, 60.0]);
     // Interference small enough for a calibration to be accepted without its correction.
     let recorded = fly_with_current(&airframe, Vector3::new(0.05, -0.06, 0.03), CurrentProfile::Bursts, &mut random);
     let without_every_nth = |period: usize| {

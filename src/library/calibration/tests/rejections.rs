@@ -13,8 +13,7 @@ use crate::calibration::{
 use crate::frames::Field;
 
 fn ordinary_flight(flight: Flight) -> (Airframe, RecordedTurns) {
-    let mut random = Random(41);
-    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let (mut random, airframe) = Airframe::seeded(41, 0.1, 1.0, 5.0, [55.0, 55.0]);
     (airframe, flight.fly(&airframe, &mut random))
 }
 

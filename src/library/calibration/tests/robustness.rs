@@ -12,8 +12,7 @@ const MAX_EXPECTED_RMS_DEG: f32 = 3.0;
 fn accepted_with_fault(fault: impl Fn(&mut RecordedTurns, &mut Random)) -> u32 {
     let mut accepted = 0;
     for seed in 0..60 {
-        let mut random = Random(4000 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-70.0, 70.0]);
+        let (mut random, airframe) = Airframe::seeded(4000 + seed, 0.2, 1.5, 10.0, [-70.0, 70.0]);
         let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random);
         fault(&mut recorded, &mut random);
         if let Ok(solution) = solve_turns(&recorded)

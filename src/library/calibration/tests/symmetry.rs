@@ -23,8 +23,7 @@ fn max_heading_difference_deg(a: (&Calibration, Samples<'_>), b: (&Calibration, 
 
 fn flights() -> impl Iterator<Item = (u64, RecordedTurns, Random)> {
     (0..20).map(|seed| {
-        let mut random = Random(2000 + seed);
-        let airframe = Airframe::random(&mut random, 0.2, 1.5, 5.0, [-65.0, 65.0]);
+        let (mut random, airframe) = Airframe::seeded(2000 + seed, 0.2, 1.5, 5.0, [-65.0, 65.0]);
         (seed, Flight::TYPICAL.fly(&airframe, &mut random), random)
     })
 }

@@ -70,6 +70,13 @@ impl Airframe {
         }
     }
 
+    /// Random numbers of a seed, and the [random airframe](Self::random) of the first ones.
+    pub fn seeded(seed: u64, soft: f32, hard: f32, mount_deg: f32, inclination_deg: [f32; 2]) -> (Random, Self) {
+        let mut random = Random(seed);
+        let airframe = Self::random(&mut random, soft, hard, mount_deg, inclination_deg);
+        (random, airframe)
+    }
+
     pub fn field(&self, attitude: RollPitch, heading_rad: f32) -> Field<Sensor> {
         let level = Field::<Level>::earth_field(self.total_ut, self.inclination_rad, heading_rad);
         Field::new(self.a * attitude.to_body_frame(level).ut + self.b_ut)

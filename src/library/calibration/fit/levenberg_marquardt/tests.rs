@@ -81,8 +81,7 @@ fn a_singular_problem_fails() {
 }
 
 fn flight(seed: u64) -> (Airframe, RecordedTurns) {
-    let mut random = Random(seed);
-    let airframe = Airframe::random(&mut random, 0.2, 1.5, 10.0, [-65.0, 65.0]);
+    let (mut random, airframe) = Airframe::seeded(seed, 0.2, 1.5, 10.0, [-65.0, 65.0]);
     (airframe, Flight::TYPICAL.fly(&airframe, &mut random))
 }
 

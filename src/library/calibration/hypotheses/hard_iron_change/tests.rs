@@ -6,7 +6,7 @@ use super::*;
 use crate::calibration::closed_form::starting_point;
 use crate::calibration::model::{Likelihood, ModelConfig, NoiseModel};
 use crate::calibration::tests::derivatives::assert_derivative;
-use crate::calibration::tests::synthetic::{Airframe, Flight, Parts, Random, RecordedTurns};
+use crate::calibration::tests::synthetic::{Airframe, Flight, Parts, RecordedTurns};
 use crate::calibration::uncertainty::information::Information;
 use crate::calibration::{Calibration, Method, Orientation, Prior, Sample};
 use crate::frames::{Field, RollPitch};
@@ -21,8 +21,7 @@ struct Case {
 
 impl Case {
     fn new(beta_ut: Vector3<f32>, before_ms: u32) -> Self {
-        let mut random = Random(77);
-        let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [50.0, 60.0]);
+        let (mut random, airframe) = Airframe::seeded(77, 0.1, 1.0, 5.0, [50.0, 60.0]);
         let mut recorded = Flight::TYPICAL.fly(&airframe, &mut random).left_then_right();
         for sample in recorded.samples_mut().filter(|sample| sample.time.as_ms() < before_ms) {
             sample.field.ut += beta_ut;

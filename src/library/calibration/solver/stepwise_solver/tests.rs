@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::*;
-use crate::calibration::tests::synthetic::{Airframe, Flight, Random, RecordedTurns};
+use crate::calibration::tests::synthetic::{Airframe, Flight, RecordedTurns};
 use crate::calibration::{DetectedHardIronChange, HardIronTimeCourse};
 
 fn solution_with_error(expected_rms_deg: f32, b_ut: f32) -> Solution {
@@ -15,8 +15,7 @@ fn solution_with_error(expected_rms_deg: f32, b_ut: f32) -> Solution {
 }
 
 fn typical_flight() -> (Airframe, RecordedTurns) {
-    let mut random = Random(31);
-    let airframe = Airframe::random(&mut random, 0.1, 1.0, 5.0, [55.0, 55.0]);
+    let (mut random, airframe) = Airframe::seeded(31, 0.1, 1.0, 5.0, [55.0, 55.0]);
     let recorded = Flight::TYPICAL.fly(&airframe, &mut random);
     (airframe, recorded)
 }
