@@ -182,6 +182,11 @@ macro_rules! message_table {
                     roll: f32, pitch: f32, yaw: f32, xacc: f32, yacc: f32, zacc: f32, xgyro: f32, ygyro: f32,
                     zgyro: f32, lat: i32, lng: i32
                 }
+                /// Progress of the calibration of a compass.
+                MAG_CAL_PROGRESS: MAG_CAL_PROGRESS_DATA = 191, crc 92 {
+                    direction_x: f32, direction_y: f32, direction_z: f32, compass_id: u8, cal_mask: u8,
+                    cal_status: MagCalStatus, attempt: u8, completion_pct: u8, completion_mask: [u8; 10]
+                }
                 /// Telemetry of the first four speed controllers, voltage and current in hundredths.
                 ESC_TELEMETRY_1_TO_4: ESC_TELEMETRY_1_TO_4_DATA = 11030, crc 144 {
                     voltage: [u16; 4], current: [u16; 4], totalcurrent: [u16; 4], rpm: [u16; 4], count: [u16; 4],
@@ -197,12 +202,16 @@ macro_rules! message_table {
     };
 }
 
-/// Lengths of a message's payload, bytes.
-pub trait PayloadLengths: MessageData {
-    /// Length in MAVLink 1: without the extension fields.
+/// Layout of a message's payload.
+pub trait PayloadLayout: MessageData {
+    /// Length in MAVLink 1, bytes: without the extension fields.
     const V1_LENGTH: usize;
-    /// Length in MAVLink 2 before trailing zeros are truncated.
+    /// Length in MAVLink 2, bytes, before trailing zeros are truncated.
     const V2_LENGTH: usize = Self::ENCODED_LEN;
+
+    /// The message of a payload that is filled up with zeros to the length in MAVLink 2 or more.
+    #[must_use]
+    fn from_padded(payload: &[u8]) -> Self;
 }
 
 macro_rules! define_messages {
@@ -240,8 +249,16 @@ macro_rules! define_messages {
                 }
             }
 
-            impl PayloadLengths for $data {
+            impl PayloadLayout for $data {
                 const V1_LENGTH: usize = 0 $(+ <$type as MessageField>::LENGTH)*;
+
+                fn from_padded(payload: &[u8]) -> Self {
+                    let rest = payload;
+                    $(let ($field, rest) = <$type as MessageField>::read(rest);)*
+                    $($(let ($extension, rest) = <$extension_type as MessageField>::read(rest);)*)?
+                    debug_assert!(rest.len() + Self::V2_LENGTH == payload.len(), "the length is that of all fields");
+                    Self { $($field,)* $($($extension,)*)? }
+                }
             }
 
             impl MessageData for $data {
@@ -272,11 +289,7 @@ macro_rules! define_messages {
                         MavlinkVersion::V2 => Self::V2_LENGTH,
                     };
                     payload[..length].iter_mut().zip(received).for_each(|(byte, received)| *byte = *received);
-                    let rest = &payload[..];
-                    $(let ($field, rest) = <$type as MessageField>::read(rest);)*
-                    $($(let ($extension, rest) = <$extension_type as MessageField>::read(rest);)*)?
-                    debug_assert!(rest.is_empty(), "the length is that of all fields");
-                    Ok(Self { $($field,)* $($($extension,)*)? })
+                    Ok(Self::from_padded(&payload))
                 }
             }
         )*)*

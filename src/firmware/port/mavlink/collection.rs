@@ -4,13 +4,14 @@
 //! ends without an outcome (aborted or stopped) is reported as failed, too, so that a ground station does not wait,
 //! unless the module is uncalibrated and waits for the next collection.
 
+use mavlink_dialect::{MAG_CAL_PROGRESS_DATA, MAG_CAL_REPORT_DATA, MagCalStatus};
 use nalgebra::Vector3;
 
 use super::status_texts::PendingTexts;
 use super::transmitter::Transmitter;
 use crate::port::message_schedule::MessageSchedule;
 use crate::port::snapshot::Snapshot;
-use crate::wire::mavlink::{MagCalReport, OutboundMessage};
+use crate::wire::mavlink::OutboundMessage;
 use autoswing::calibration::{Calibration, Orientation};
 use autoswing_module::compass::IndicatorState;
 use autoswing_module::messages::{Message, SolveOutcome};
@@ -18,6 +19,9 @@ use autoswing_module::messages::{Message, SolveOutcome};
 const PROGRESS_HZ: u8 = 2;
 
 const MG_PER_UT: f32 = 10.0;
+
+/// Mask of the only compass, number 0.
+const COMPASS_MASK: u8 = 1;
 
 /// Progress of collections, and the calibration to report.
 #[derive(Debug, Default)]
@@ -92,7 +96,7 @@ impl CollectionReporter {
         if let Some(is_success) = self.pending_report_success {
             let report =
                 mag_cal_report(self.reported_calibration.as_ref().filter(|_| is_success), snapshot.settings.mount);
-            let is_sent = line.send_message(OutboundMessage::mag_cal_report(&report));
+            let is_sent = line.send_message(OutboundMessage::new(&report));
             if is_sent {
                 self.pending_report_success = None;
             }
@@ -100,12 +104,29 @@ impl CollectionReporter {
         }
         match snapshot.indicator_state {
             IndicatorState::Collecting(percent) if self.progress_schedule.is_due(snapshot.now, PROGRESS_HZ) => {
-                let field =
-                    snapshot.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
-                line.send_message(OutboundMessage::mag_cal_progress(percent, field.into()))
+                line.send_message(OutboundMessage::new(&mag_cal_progress(percent, snapshot)))
             }
             _ => false,
         }
+    }
+}
+
+/// Progress, percent, and direction of the field in body axes. The mask of sampled directions is unused.
+fn mag_cal_progress(percent: u8, snapshot: &Snapshot<'_>) -> MAG_CAL_PROGRESS_DATA {
+    let field = snapshot.estimate.body_field.and_then(|body| body.ut.try_normalize(0.0)).unwrap_or_default();
+    MAG_CAL_PROGRESS_DATA {
+        direction_x: field.x,
+        direction_y: field.y,
+        direction_z: field.z,
+        cal_mask: COMPASS_MASK,
+        cal_status: if percent < 100 {
+            MagCalStatus::MAG_CAL_RUNNING_STEP_ONE
+        } else {
+            MagCalStatus::MAG_CAL_RUNNING_STEP_TWO
+        },
+        attempt: 1,
+        completion_pct: percent,
+        ..MAG_CAL_PROGRESS_DATA::DEFAULT
     }
 }
 
@@ -115,21 +136,34 @@ impl CollectionReporter {
 /// With `W (m - b)` and the configured right-angle mounting `R`, the offset is `-R b`, and the matrix is the symmetric
 /// one nearest to `W R^T` in the Frobenius norm, its symmetric part; the remaining rotation is dropped. The fitness is
 /// the noise of a reading.
-fn mag_cal_report(calibration: Option<&(Calibration, f32)>, mount: Orientation) -> MagCalReport {
-    let is_success = calibration.is_some();
-    let failure_report =
-        MagCalReport { is_success, fitness_mg: 0.0, offset_mg: [0.0; 3], diagonal: [1.0; 3], off_diagonal: [0.0; 3] };
+fn mag_cal_report(calibration: Option<&(Calibration, f32)>, mount: Orientation) -> MAG_CAL_REPORT_DATA {
+    let failure_report = MAG_CAL_REPORT_DATA {
+        cal_mask: COMPASS_MASK,
+        cal_status: MagCalStatus::MAG_CAL_FAILED,
+        diag_x: 1.0,
+        diag_y: 1.0,
+        diag_z: 1.0,
+        ..MAG_CAL_REPORT_DATA::DEFAULT
+    };
     let Some((calibration, relative_sensor_sigma)) = calibration else { return failure_report };
     let w = calibration.w_matrix();
     let mounting = mount.body_from_sensor();
-    let offset_ut: Vector3<f32> = -(mounting * calibration.b_vector_ut());
+    let offset_mg: Vector3<f32> = -(mounting * calibration.b_vector_ut()) * MG_PER_UT;
     let m = w * mounting.transpose();
     let mean = |row, column| 0.5 * (m[(row, column)] + m[(column, row)]);
-    MagCalReport {
-        fitness_mg: MG_PER_UT * calibration.total_ut * relative_sensor_sigma,
-        offset_mg: (offset_ut * MG_PER_UT).into(),
-        diagonal: [mean(0, 0), mean(1, 1), mean(2, 2)],
-        off_diagonal: [mean(0, 1), mean(0, 2), mean(1, 2)],
+    MAG_CAL_REPORT_DATA {
+        cal_status: MagCalStatus::MAG_CAL_SUCCESS,
+        autosaved: 1,
+        fitness: MG_PER_UT * calibration.total_ut * relative_sensor_sigma,
+        ofs_x: offset_mg.x,
+        ofs_y: offset_mg.y,
+        ofs_z: offset_mg.z,
+        diag_x: mean(0, 0),
+        diag_y: mean(1, 1),
+        diag_z: mean(2, 2),
+        offdiag_x: mean(0, 1),
+        offdiag_y: mean(0, 2),
+        offdiag_z: mean(1, 2),
         ..failure_report
     }
 }

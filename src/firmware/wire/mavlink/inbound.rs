@@ -1,15 +1,10 @@
-//! Received messages, and the decoding of their payloads.
-//!
-//! Numbers, lengths and CRC extra bytes of messages are the dialect's. Its deserialisers are not used: they decode all
-//! fields of a message.
-
-use core::array::from_fn;
+//! Received messages, and the meaning of their fields.
 
 use mavlink_dialect::{
-    ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
+    ATTITUDE_DATA, BATTERY_STATUS_DATA, COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, CharArray,
     GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavParamType, NAMED_VALUE_FLOAT_DATA,
-    PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, PayloadLengths,
-    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, PayloadLayout, SYS_STATUS_DATA,
+    SYSTEM_TIME_DATA,
 };
 
 use super::frame::Address;
@@ -89,6 +84,12 @@ pub struct Acknowledgement {
     pub result: u8,
 }
 
+/// Longest payload of a supported message, bytes: BATTERY_STATUS.
+pub(super) const MAX_PAYLOAD_LENGTH: usize = BATTERY_STATUS_DATA::V2_LENGTH;
+
+/// Payload with zeros in place of the fields that were not sent.
+pub(super) type PaddedPayload = [u8; MAX_PAYLOAD_LENGTH];
+
 pub(super) struct MessageSpec {
     pub message_id: u32,
     /// Payload length in version 1, bytes.
@@ -96,116 +97,49 @@ pub(super) struct MessageSpec {
     /// Payload length with the extension fields of version 2, before zeros are truncated, bytes.
     pub extended_length: usize,
     pub extra_crc: u8,
-    /// Decodes a sender's payload; none if its values are impossible.
-    pub decoder: fn(SenderId, &[u8]) -> Option<InboundMessage>,
+    /// Decodes a sender's payload, filled up with zeros; none if its values are impossible.
+    pub decoder: fn(SenderId, &PaddedPayload) -> Option<InboundMessage>,
 }
 
 impl MessageSpec {
-    const fn from_dialect<M: PayloadLengths>(decode: fn(SenderId, &[u8]) -> Option<InboundMessage>) -> Self {
+    const fn new<M: ReceivedData>() -> Self {
+        assert!(M::V2_LENGTH <= MAX_PAYLOAD_LENGTH, "there is a longer message");
         Self {
             message_id: M::ID,
             payload_length: M::V1_LENGTH,
             extended_length: M::V2_LENGTH,
             extra_crc: M::EXTRA_CRC,
-            decoder: decode,
+            decoder: decode_payload::<M>,
         }
     }
+}
+
+fn decode_payload<M: ReceivedData>(source: SenderId, payload: &PaddedPayload) -> Option<InboundMessage> {
+    M::from_padded(payload).into_message(source)
 }
 
 /// Supported messages, the most frequent first.
 pub(super) const SUPPORTED_MESSAGES: [MessageSpec; 14] = [
-    MessageSpec::from_dialect::<ATTITUDE_DATA>(parse_attitude),
-    MessageSpec::from_dialect::<SYS_STATUS_DATA>(parse_system_status),
-    MessageSpec::from_dialect::<HEARTBEAT_DATA>(parse_heartbeat),
-    MessageSpec::from_dialect::<GLOBAL_POSITION_INT_DATA>(parse_global_position),
-    MessageSpec::from_dialect::<BATTERY_STATUS_DATA>(parse_battery_status),
-    MessageSpec::from_dialect::<SYSTEM_TIME_DATA>(parse_date),
-    MessageSpec::from_dialect::<NAMED_VALUE_FLOAT_DATA>(parse_named_value),
-    MessageSpec::from_dialect::<COMMAND_LONG_DATA>(parse_command_long),
-    MessageSpec::from_dialect::<COMMAND_INT_DATA>(parse_command_int),
-    MessageSpec::from_dialect::<COMMAND_ACK_DATA>(parse_acknowledgement),
-    MessageSpec::from_dialect::<PARAM_VALUE_DATA>(parse_parameter),
-    MessageSpec::from_dialect::<PARAM_REQUEST_READ_DATA>(parse_parameter_read),
-    MessageSpec::from_dialect::<PARAM_REQUEST_LIST_DATA>(parse_parameter_list),
-    MessageSpec::from_dialect::<PARAM_SET_DATA>(parse_parameter_write),
+    MessageSpec::new::<ATTITUDE_DATA>(),
+    MessageSpec::new::<SYS_STATUS_DATA>(),
+    MessageSpec::new::<HEARTBEAT_DATA>(),
+    MessageSpec::new::<GLOBAL_POSITION_INT_DATA>(),
+    MessageSpec::new::<BATTERY_STATUS_DATA>(),
+    MessageSpec::new::<SYSTEM_TIME_DATA>(),
+    MessageSpec::new::<NAMED_VALUE_FLOAT_DATA>(),
+    MessageSpec::new::<COMMAND_LONG_DATA>(),
+    MessageSpec::new::<COMMAND_INT_DATA>(),
+    MessageSpec::new::<COMMAND_ACK_DATA>(),
+    MessageSpec::new::<PARAM_VALUE_DATA>(),
+    MessageSpec::new::<PARAM_REQUEST_READ_DATA>(),
+    MessageSpec::new::<PARAM_REQUEST_LIST_DATA>(),
+    MessageSpec::new::<PARAM_SET_DATA>(),
 ];
 
-/// Longest payload of a supported message, bytes.
-pub(super) const MAX_PAYLOAD_LENGTH: usize = {
-    let mut longest = 0;
-    let mut at = 0;
-    while at < SUPPORTED_MESSAGES.len() {
-        if SUPPORTED_MESSAGES[at].extended_length > longest {
-            longest = SUPPORTED_MESSAGES[at].extended_length;
-        }
-        at += 1;
-    }
-    longest
-};
-
-/// Payload, read by field, little endian; truncated bytes are zero.
-struct PayloadReader<'a>(&'a [u8]);
-
-impl PayloadReader<'_> {
-    fn read_u8(&self, offset: usize) -> u8 {
-        self.0.get(offset).copied().unwrap_or(0)
-    }
-
-    fn read_u16(&self, offset: usize) -> u16 {
-        u16::from_le_bytes([self.read_u8(offset), self.read_u8(offset + 1)])
-    }
-
-    fn read_u32(&self, offset: usize) -> u32 {
-        // Only the last fields of a truncated payload are incomplete.
-        match self.0.get(offset..).and_then(|rest| rest.first_chunk()) {
-            Some(whole) => u32::from_le_bytes(*whole),
-            None => u32::from_le_bytes(from_fn(|byte| self.read_u8(offset + byte))),
-        }
-    }
-
-    fn read_f32(&self, offset: usize) -> f32 {
-        f32::from_bits(self.read_u32(offset))
-    }
-
-    /// Signed integer, multiplied by its unit.
-    fn read_scaled_integer(&self, offset: usize, unit: f32) -> f32 {
-        self.read_u32(offset).cast_signed() as f32 * unit
-    }
-
-    fn read_name(&self, offset: usize) -> ParameterName {
-        ParameterName(from_fn(|byte| self.read_u8(offset + byte)))
-    }
-
-    /// Value at the start, name, and kind behind the name.
-    fn read_parameter(&self, name_offset: usize) -> ReceivedParameter {
-        ReceivedParameter {
-            name: self.read_name(name_offset),
-            value_bits: self.read_u32(0),
-            kind: MavParamType(self.read_u8(name_offset + size_of::<ParameterName>())),
-        }
-    }
-
-    fn read_address(&self, offset: usize) -> Address {
-        Address { system_id: self.read_u8(offset), component_id: self.read_u8(offset + 1) }
-    }
-}
-
-fn parse_attitude(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const ROLL_OFFSET: usize = 4;
-    const PITCH_OFFSET: usize = 8;
-    const RATES_OFFSET: usize = 16;
-    let fields = PayloadReader(payload);
-    let (roll_rad, pitch_rad) = (fields.read_f32(ROLL_OFFSET), fields.read_f32(PITCH_OFFSET));
-    let rate_rad_s = |axis| fields.read_f32(RATES_OFFSET + 4 * axis);
-    let is_possible = roll_rad.abs() <= MAX_ROLL_RAD && pitch_rad.abs() <= MAX_PITCH_RAD;
-    is_possible.then(|| {
-        InboundMessage::Attitude(AttitudeReport {
-            sender: source,
-            sender_clock_at_sending: WrappingMillis::new(fields.read_u32(0)),
-            attitude: RollPitch { roll_rad, pitch_rad },
-            body_rates: BodyRates::from_rad_s(from_fn(rate_rad_s)),
-        })
-    })
+/// Message of the dialect that is received.
+trait ReceivedData: PayloadLayout {
+    /// Meaning of the message of a sender; none if its values are impossible.
+    fn into_message(self, source: SenderId) -> Option<InboundMessage>;
 }
 
 /// Largest roll, radians, with a margin for rounding; the comparison also rejects NaN.
@@ -213,149 +147,142 @@ const MAX_ROLL_RAD: f32 = core::f32::consts::PI + 0.001;
 /// Largest pitch, radians, with a margin for rounding.
 const MAX_PITCH_RAD: f32 = core::f32::consts::FRAC_PI_2 + 0.001;
 
+impl ReceivedData for ATTITUDE_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        let is_possible = self.roll.abs() <= MAX_ROLL_RAD && self.pitch.abs() <= MAX_PITCH_RAD;
+        is_possible.then(|| {
+            InboundMessage::Attitude(AttitudeReport {
+                sender: source,
+                sender_clock_at_sending: WrappingMillis::new(self.time_boot_ms),
+                attitude: RollPitch { roll_rad: self.roll, pitch_rad: self.pitch },
+                body_rates: BodyRates::from_rad_s([self.rollspeed, self.pitchspeed, self.yawspeed]),
+            })
+        })
+    }
+}
+
 /// Whether a MAV_TYPE is of a component and not of a vehicle: ground station, companion, gimbal, ADS-B, cameras and
 /// peripherals (common.xml). A component has no armed state.
 const fn is_component(mav_type: u8) -> bool {
     matches!(mav_type, 6 | 18 | 26 | 27 | 30..=34 | 36..=42)
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_heartbeat(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const TYPE_OFFSET: usize = 4;
-    const AUTOPILOT_OFFSET: usize = 5;
-    const BASE_MODE_OFFSET: usize = 6;
-    let fields = PayloadReader(payload);
-    let autopilot = MavAutopilot(fields.read_u8(AUTOPILOT_OFFSET));
-    let heartbeat = Heartbeat {
-        sender: source,
-        is_autopilot: autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID && !is_component(fields.read_u8(TYPE_OFFSET)),
-        is_armed: fields.read_u8(BASE_MODE_OFFSET) & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
-    };
-    Some(InboundMessage::Heartbeat(heartbeat, autopilot))
-}
-
-/// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_global_position(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const LATITUDE_OFFSET: usize = 4;
-    const LONGITUDE_OFFSET: usize = 8;
-    const HEIGHT_OFFSET: usize = 12;
-    let fields = PayloadReader(payload);
-    let (latitude_deg, longitude_deg) =
-        (fields.read_scaled_integer(LATITUDE_OFFSET, 1e-7), fields.read_scaled_integer(LONGITUDE_OFFSET, 1e-7));
-    Some(InboundMessage::Position(
-        source,
-        Position::new(latitude_deg, longitude_deg, fields.read_scaled_integer(HEIGHT_OFFSET, 1e-3)),
-    ))
-}
-
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_system_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const BATTERY_CURRENT_OFFSET: usize = 16;
-    Some(InboundMessage::Current(
-        source,
-        amperes_from_centiamperes(PayloadReader(payload).read_u16(BATTERY_CURRENT_OFFSET)),
-    ))
-}
-
-/// Ignores batteries other than the first, whose current SYS_STATUS has.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_battery_status(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const BATTERY_CURRENT_OFFSET: usize = 30;
-    const BATTERY_ID_OFFSET: usize = 32;
-    let fields = PayloadReader(payload);
-    let is_first = fields.read_u8(BATTERY_ID_OFFSET) == 0;
-    Some(InboundMessage::Current(
-        source,
-        amperes_from_centiamperes(fields.read_u16(BATTERY_CURRENT_OFFSET)).filter(|_| is_first),
-    ))
-}
-
-/// Converts hundredths of an ampere; -1 means unknown.
-fn amperes_from_centiamperes(centiamperes: u16) -> Option<f32> {
-    let centiamperes = centiamperes.cast_signed();
-    (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
-}
-
-/// Unix time in microseconds.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_date(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    let fields = PayloadReader(payload);
-    let unix_us = u64::from(fields.read_u32(4)) << 32 | u64::from(fields.read_u32(0));
-    Some(InboundMessage::Date(source, Date::from_unix_s(unix_us / 1_000_000)))
-}
-
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_named_value(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    Some(InboundMessage::NamedValue(source, WrappingMillis::new(PayloadReader(payload).read_u32(0))))
-}
-
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_command_long(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const CONFIRMATION_OFFSET: usize = 32;
-    Some(InboundMessage::Command(parse_command(source, payload, PayloadReader(payload).read_u8(CONFIRMATION_OFFSET))))
-}
-
-/// Decodes COMMAND_INT, which has a coordinate frame in the place of COMMAND_LONG's confirmation; the fields before it
-/// are equal.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_command_int(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    Some(InboundMessage::Command(parse_command(source, payload, 0)))
-}
-
-fn parse_command(source: SenderId, payload: &[u8], confirmation: u8) -> ReceivedCommand {
-    const COMMAND_OFFSET: usize = 28;
-    const TARGET_OFFSET: usize = 30;
-    let fields = PayloadReader(payload);
-    ReceivedCommand {
-        sender_id: source,
-        target: fields.read_address(TARGET_OFFSET),
-        command_number: fields.read_u16(COMMAND_OFFSET),
-        confirmation,
-        parameters: from_fn(|parameter| fields.read_f32(4 * parameter)),
+impl ReceivedData for HEARTBEAT_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        let heartbeat = Heartbeat {
+            sender: source,
+            is_autopilot: self.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID && !is_component(self.mavtype.0),
+            is_armed: self.base_mode.bits() & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0,
+        };
+        Some(InboundMessage::Heartbeat(heartbeat, self.autopilot))
     }
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_acknowledgement(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const COMMAND_OFFSET: usize = 0;
-    const RESULT_OFFSET: usize = 2;
-    const TARGET_OFFSET: usize = 8;
-    let fields = PayloadReader(payload);
-    Some(InboundMessage::Acknowledgement(Acknowledgement {
-        sender_id: source,
-        target: fields.read_address(TARGET_OFFSET),
-        command_number: fields.read_u16(COMMAND_OFFSET),
-        result: fields.read_u8(RESULT_OFFSET),
-    }))
+/// Latitude and longitude in 1e-7 deg, height above mean sea level in millimetres.
+impl ReceivedData for GLOBAL_POSITION_INT_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        let [latitude_deg, longitude_deg] = [self.lat, self.lon].map(|number| number as f32 * 1e-7);
+        Some(InboundMessage::Position(source, Position::new(latitude_deg, longitude_deg, self.alt as f32 * 1e-3)))
+    }
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_parameter(source: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const NAME_OFFSET: usize = 8;
-    Some(InboundMessage::Parameter(source, PayloadReader(payload).read_parameter(NAME_OFFSET)))
+impl ReceivedData for SYS_STATUS_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        Some(InboundMessage::Current(source, amperes_from_centiamperes(self.current_battery)))
+    }
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_parameter_read(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const TARGET_OFFSET: usize = 2;
-    const NAME_OFFSET: usize = 4;
-    let fields = PayloadReader(payload);
-    let request =
-        ReceivedParameterRequest::Read { name: fields.read_name(NAME_OFFSET), index: fields.read_u16(0).cast_signed() };
-    Some(InboundMessage::ParameterRequest(fields.read_address(TARGET_OFFSET), request))
+/// Batteries other than the first, whose current SYS_STATUS has, are ignored.
+impl ReceivedData for BATTERY_STATUS_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        let current_a = amperes_from_centiamperes(self.current_battery).filter(|_| self.id == 0);
+        Some(InboundMessage::Current(source, current_a))
+    }
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_parameter_list(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    Some(InboundMessage::ParameterRequest(PayloadReader(payload).read_address(0), ReceivedParameterRequest::List))
+/// Converts hundredths of an ampere; -1 means unknown.
+fn amperes_from_centiamperes(centiamperes: i16) -> Option<f32> {
+    (centiamperes != -1).then_some(f32::from(centiamperes) * 0.01)
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
-fn parse_parameter_write(_: SenderId, payload: &[u8]) -> Option<InboundMessage> {
-    const TARGET_OFFSET: usize = 4;
-    const NAME_OFFSET: usize = 6;
-    let fields = PayloadReader(payload);
-    let request = ReceivedParameterRequest::Write(fields.read_parameter(NAME_OFFSET));
-    Some(InboundMessage::ParameterRequest(fields.read_address(TARGET_OFFSET), request))
+impl ReceivedData for SYSTEM_TIME_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        Some(InboundMessage::Date(source, Date::from_unix_s(self.time_unix_usec / 1_000_000)))
+    }
+}
+
+impl ReceivedData for NAMED_VALUE_FLOAT_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        Some(InboundMessage::NamedValue(source, WrappingMillis::new(self.time_boot_ms)))
+    }
+}
+
+impl ReceivedData for COMMAND_LONG_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        Some(InboundMessage::Command(ReceivedCommand {
+            sender_id: source,
+            target: Address { system_id: self.target_system, component_id: self.target_component },
+            command_number: self.command.0,
+            confirmation: self.confirmation,
+            parameters: [self.param1, self.param2, self.param3, self.param4],
+        }))
+    }
+}
+
+impl ReceivedData for COMMAND_INT_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        Some(InboundMessage::Command(ReceivedCommand {
+            sender_id: source,
+            target: Address { system_id: self.target_system, component_id: self.target_component },
+            command_number: self.command.0,
+            confirmation: 0,
+            parameters: [self.param1, self.param2, self.param3, self.param4],
+        }))
+    }
+}
+
+impl ReceivedData for COMMAND_ACK_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        Some(InboundMessage::Acknowledgement(Acknowledgement {
+            sender_id: source,
+            target: Address { system_id: self.target_system, component_id: self.target_component },
+            command_number: self.command.0,
+            result: self.result.0,
+        }))
+    }
+}
+
+fn received_parameter(name: CharArray<16>, value: f32, kind: MavParamType) -> ReceivedParameter {
+    ReceivedParameter { name: ParameterName(name.into()), value_bits: value.to_bits(), kind }
+}
+
+impl ReceivedData for PARAM_VALUE_DATA {
+    fn into_message(self, source: SenderId) -> Option<InboundMessage> {
+        let parameter = received_parameter(self.param_id, self.param_value, self.param_type);
+        Some(InboundMessage::Parameter(source, parameter))
+    }
+}
+
+impl ReceivedData for PARAM_REQUEST_READ_DATA {
+    fn into_message(self, _: SenderId) -> Option<InboundMessage> {
+        let target = Address { system_id: self.target_system, component_id: self.target_component };
+        let name = ParameterName(self.param_id.into());
+        let request = ReceivedParameterRequest::Read { name, index: self.param_index };
+        Some(InboundMessage::ParameterRequest(target, request))
+    }
+}
+
+impl ReceivedData for PARAM_REQUEST_LIST_DATA {
+    fn into_message(self, _: SenderId) -> Option<InboundMessage> {
+        let target = Address { system_id: self.target_system, component_id: self.target_component };
+        Some(InboundMessage::ParameterRequest(target, ReceivedParameterRequest::List))
+    }
+}
+
+impl ReceivedData for PARAM_SET_DATA {
+    fn into_message(self, _: SenderId) -> Option<InboundMessage> {
+        let target = Address { system_id: self.target_system, component_id: self.target_component };
+        let parameter = received_parameter(self.param_id, self.param_value, self.param_type);
+        Some(InboundMessage::ParameterRequest(target, ReceivedParameterRequest::Write(parameter)))
+    }
 }

@@ -23,8 +23,8 @@ use autoswing::attitude::SenderId;
 pub use frame::Address;
 use frame::{V1_HEADER_LENGTH, V1_START_BYTE, V2_HEADER_LENGTH, V2_START_BYTE, checksum};
 pub use inbound::{Acknowledgement, InboundMessage, ReceivedCommand, ReceivedParameterRequest};
-use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, SUPPORTED_MESSAGES};
-pub use outbound::{EncodedFrame, MagCalReport, OutboundMessage, Pose};
+use inbound::{MAX_PAYLOAD_LENGTH, MessageSpec, PaddedPayload, SUPPORTED_MESSAGES};
+pub use outbound::{EncodedFrame, OutboundMessage, Pose};
 pub use parameter::{ParameterEncoding, ReceivedParameter};
 pub use signature::{Signatures, key_from_passphrase};
 
@@ -175,7 +175,9 @@ fn decode_message(frame: &[u8], layout: &FrameLayout) -> Option<InboundMessage> 
     if checksum(checked, layout.message.extra_crc).to_le_bytes() != crc {
         return None;
     }
-    (layout.message.decoder)(layout.source, frame.get(layout.header_length..crc_at)?)
+    let mut payload: PaddedPayload = [0; MAX_PAYLOAD_LENGTH];
+    payload.get_mut(..layout.payload_length)?.copy_from_slice(frame.get(layout.header_length..crc_at)?);
+    (layout.message.decoder)(layout.source, &payload)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use crate::synthetic::typical_quality;
 use autoswing::calibration::Orientation;
 use autoswing_module::messages::ExpectedAccuracy;
 
+const PROGRESS_ID: u8 = 191;
 const REPORT_ID: u8 = 192;
 /// Status and flag of a stored calibration in a report.
 type ReportResult = (u8, u8);
@@ -63,6 +64,21 @@ fn texts_report_the_start_each_tenth_and_the_end_of_a_collection() {
     bench.run_with_indicator_state(IndicatorState::Idle);
     let expected = ["collecting: 50 %", "collecting: 0 %", "collecting: 10 %", ENDED_TEXT];
     assert_eq!(bench.take_texts_without_prefix(), expected);
+}
+
+/// Direction of the field, compass 0 and its mask, status, attempt, percent. The last step begins with all samples.
+#[test]
+fn progress_is_sent_with_the_direction_of_the_field() {
+    let mut bench = MavlinkBench::with_autopilot();
+    bench.estimate.body_field = Some(autoswing::frames::Field::from_ut(0.0, 3.0, -4.0));
+    for (percent, status) in [(40, 2), (100, 3)] {
+        bench.run_with_indicator_state(IndicatorState::Collecting(percent));
+        let progress = bench.take_messages(PROGRESS_ID);
+        assert_eq!(progress.len(), 2, "two a second");
+        let direction = nalgebra::Vector3::from([0, 4, 8].map(|at| progress[0].float_at(at)));
+        assert!((direction - nalgebra::Vector3::new(0.0, 0.6, -0.8)).norm() < 1e-6, "{direction}");
+        assert_eq!(progress[0].payload[12..17], [0, 1, status, 1, percent]);
+    }
 }
 
 /// State of the module for a second, after a refused or a successful solve, or without one.
