@@ -178,7 +178,7 @@ fn is_within_limits(message: &BusMessage<'_>) -> bool {
 #[test]
 fn any_frames_are_received_or_dropped() {
     check_property(any_traffic(), |traffic| -> PropertyResult {
-        let mut receiver = TransferReceiver::new();
+        let mut receiver = TransferReceiver::default();
         for frame in &traffic {
             if let Some(transfer) = receiver.push_frame(Timestamp::START, NodeId::new(OWN_NODE), frame) {
                 prop_assert!(is_within_limits(&transfer.message), "{transfer:?}");

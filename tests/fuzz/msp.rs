@@ -184,11 +184,11 @@ fn only_msp_frames_with_correct_crc_are_accepted() {
     check_property(any_stream(), |pieces| -> PropertyResult {
         let mut bytes = stream::joined_bytes(&pieces);
         let wire = NoiseAndGoodFrames::new(&mut bytes, &good_frame(), MAX_FRAME_LENGTH);
-        let mut receiver = MspReceiver::new();
+        let mut receiver = MspReceiver::default();
         stream::assert_decoder_properties(
             &wire,
             &intact_frames(wire.bytes),
-            |byte| (receiver.push_byte(byte), receiver.rejected_count),
+            |byte| (receiver.push_byte(byte), receiver.rejected_count()),
             is_good_message,
         )
     });

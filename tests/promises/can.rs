@@ -275,7 +275,7 @@ fn a_second_node_with_this_number_silences_the_field() {
 #[test]
 fn the_autopilot_is_set_up_through_the_tunnel() {
     let mut bench = Bench::new(CanFaults::default());
-    let mut receiver = TransferReceiver::new();
+    let mut receiver = TransferReceiver::default();
     let mut ardupilot = MavlinkAutopilot::new(bench.rig.world.attitude_source(), MavlinkFirmware::ArduPilot, 0);
     for (name, number) in [("COMPASS_DEV_ID", 97_539.0), ("COMPASS_PRIO1_ID", 97_539.0)] {
         ardupilot.parameters.set_number(name, number);

@@ -51,7 +51,7 @@ pub async fn run_port(
     apply_settings(&mut port, &mut tx, Settings::DEFAULT.settings_of_port(port_number), initial_settings);
     port.mavlink.set_signing_key(settings.signing_key);
     let mut published_counts = PublishedCounts::default();
-    let mut silence_check = MessageSchedule::new();
+    let mut silence_check = MessageSchedule::default();
     let mut bytes = [0; 64];
     loop {
         let write_output = async {

@@ -42,7 +42,7 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
     links.broadcast_message(&Message::SafeMode);
     let mut ticker = Ticker::every(REPORT_INTERVAL);
     let mut reporter = SafeModeReporter::default();
-    let mut output = TransmitBuffer::new();
+    let mut output = TransmitBuffer::default();
     loop {
         match select(links.commands.receive(), ticker.next()).await {
             Either::First((source, command)) => {

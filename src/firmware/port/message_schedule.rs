@@ -2,19 +2,13 @@
 
 use autoswing::time::Timestamp;
 
-/// Keeps messages on an even time grid, which jitter of the readings does not shift.
+/// Keeps messages on an even time grid, which jitter of the readings does not shift; the first is due at once.
 #[derive(Debug, Default)]
 pub struct MessageSchedule {
     due_at: Timestamp,
 }
 
 impl MessageSchedule {
-    /// Creates a schedule with the first message due at once.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { due_at: Timestamp::START }
-    }
-
     /// Whether a message is due at this rate; if so, schedules the next one.
     pub fn is_due(&mut self, now: Timestamp, rate_hz: u8) -> bool {
         if now < self.due_at {
@@ -34,7 +28,7 @@ mod tests {
 
     /// Number of messages due in a second of readings with this period.
     fn messages_per_second(period_us: u64, rate_hz: u8) -> usize {
-        let mut schedule = MessageSchedule::new();
+        let mut schedule = MessageSchedule::default();
         (0..1_000_000 / period_us).filter(|i| schedule.is_due(Timestamp::from_us(1 + i * period_us), rate_hz)).count()
     }
 

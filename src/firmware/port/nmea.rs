@@ -22,16 +22,6 @@ pub struct Nmea {
 const ATTITUDE_HZ: u8 = 10;
 
 impl Nmea {
-    /// Creates the protocol with the first sentences due at once.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            schedule: MessageSchedule::new(),
-            attitude_schedule: MessageSchedule::new(),
-            speed_receiver: SpeedReceiver::new(),
-        }
-    }
-
     /// Appends the due sentences.
     pub fn poll(&mut self, snapshot: &Snapshot<'_>, out: &mut TransmitBuffer) {
         let Snapshot { estimate, settings, .. } = snapshot;
@@ -90,7 +80,7 @@ mod tests {
             euler_rates: Some(EulerRates { heading_rad_s: -2_f32.to_radians(), ..EulerRates::default() }),
             ..Estimate::EMPTY
         };
-        let (mut nmea, mut out) = (Nmea::new(), TransmitBuffer::new());
+        let (mut nmea, mut out) = (Nmea::default(), TransmitBuffer::default());
         let settings = Settings { stream_rate_hz: 20, declination_deg: Some(-3.5), ..Settings::DEFAULT };
         let mut texts = (0..2).map(|i| {
             let estimate = Estimate { timestamp: Timestamp::from_us(1_000_000 + 50_000 * i), ..estimate };

@@ -58,10 +58,10 @@ impl Port {
         Self {
             configured_protocol: configured,
             detection: ProtocolDetection { protocol: detected, last_frame_at: start, has_received_frame: false },
-            mavlink: Mavlink::new(),
-            msp: Msp::new(),
-            nmea: Nmea::new(),
-            pending_output: TransmitBuffer::new(),
+            mavlink: Mavlink::default(),
+            msp: Msp::default(),
+            nmea: Nmea::default(),
+            pending_output: TransmitBuffer::default(),
         }
     }
 

@@ -20,14 +20,6 @@ pub(super) const TRANSMIT_CAPACITY: usize = 384;
 
 impl Default for TransmitBuffer {
     fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl TransmitBuffer {
-    /// Creates an empty buffer.
-    #[must_use]
-    pub const fn new() -> Self {
         Self {
             bytes: [0; TRANSMIT_CAPACITY],
             pending_begin: 0,
@@ -37,7 +29,9 @@ impl TransmitBuffer {
             lost_message_count: 0,
         }
     }
+}
 
+impl TransmitBuffer {
     /// Appends a message given in parts; returns whether there was room.
     pub fn append_message(&mut self, parts: &[&[u8]]) -> bool {
         self.message_count = self.message_count.wrapping_add(1);
@@ -91,7 +85,7 @@ mod tests {
 
     #[test]
     fn a_message_is_written_whole_or_not_at_all() {
-        let mut out = TransmitBuffer::new();
+        let mut out = TransmitBuffer::default();
         assert!(out.append_message(&[&[1; TRANSMIT_CAPACITY - 2], &[1]]));
         assert!(!out.append_message(&[&[2], &[2]]));
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 1]);
@@ -110,7 +104,7 @@ mod tests {
     /// Written bytes free their room also while others are pending.
     #[test]
     fn room_of_sent_bytes_is_reused() {
-        let mut out = TransmitBuffer::new();
+        let mut out = TransmitBuffer::default();
         assert!(out.append_message(&[&[1; TRANSMIT_CAPACITY]]));
         out.consume_bytes(100);
         assert_eq!(out.pending_bytes(), [1; TRANSMIT_CAPACITY - 100]);

@@ -161,14 +161,14 @@ fn measure_instruction_counts(
             drop(black_box(nmea::quality_sentence(black_box(&found), black_box(HeadingKind::Smooth))));
         }),
     ];
-    let mut receiver = mavlink::MavlinkReceiver::new();
+    let mut receiver = mavlink::MavlinkReceiver::default();
     let mut reports = 0;
     let to_report = count_instructions(|| {
         for &byte in black_box(&ATTITUDE_FRAME) {
             reports += u8::from(black_box(receiver.push_byte(black_box(byte)).is_some()));
         }
     });
-    let mut receiver = msp::MspReceiver::new();
+    let mut receiver = msp::MspReceiver::default();
     let mut answers = 0;
     let to_answer = count_instructions(|| {
         for &byte in black_box(&ATTITUDE_ANSWER) {

@@ -97,12 +97,6 @@ pub struct Mavlink {
 }
 
 impl Mavlink {
-    /// Creates the protocol without a known autopilot.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Sets or removes the key of signatures.
     pub fn set_signing_key(&mut self, key: Option<SigningKey>) {
         self.receiver.signatures.set_key(key);
@@ -331,7 +325,7 @@ impl Mavlink {
     /// Number of broken or impossible frames since the start; wraps.
     #[must_use]
     pub fn rejected_frame_count(&self) -> u32 {
-        self.receiver.rejected_count
+        self.receiver.rejected_count()
     }
 
     /// Appends the due message; called for every estimate, at least ten times a second. One message at most, so that the

@@ -73,12 +73,6 @@ pub struct Msp {
 }
 
 impl Msp {
-    /// Creates the protocol without a known autopilot.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Kind of autopilot, if actions on it are possible.
     pub(super) fn autopilot_kind(&self) -> Option<AutopilotKind> {
         (self.autopilot_firmware == Some(AutopilotFirmware::Inav)).then_some(AutopilotKind::Inav)
@@ -213,7 +207,7 @@ impl Msp {
     /// Number of broken or impossible frames since the start; wraps.
     #[must_use]
     pub fn rejected_frame_count(&self) -> u32 {
-        self.receiver.rejected_count
+        self.receiver.rejected_count()
     }
 
     /// Appends due messages; called for every estimate, at least ten times a second.

@@ -12,7 +12,7 @@ fn timestamp(us: u64) -> Timestamp {
 }
 
 fn poll_frames(msp: &mut Msp, us: u64, estimate: &Estimate) -> Vec<Vec<u8>> {
-    let mut out = TransmitBuffer::new();
+    let mut out = TransmitBuffer::default();
     let snapshot = Snapshot { now: timestamp(us), ..test_snapshot(estimate, &Settings::DEFAULT) };
     msp.poll(&snapshot, &mut AutopilotSession::default(), &mut out);
     let mut rest = out.pending_bytes();
@@ -50,7 +50,7 @@ const STATUS_DISARMED: [u8; 11] = [0; 11];
 
 /// Protocol with a known firmware.
 fn msp_with_firmware(name: &[u8]) -> Msp {
-    let mut msp = Msp::new();
+    let mut msp = Msp::default();
     assert!(receive(&mut msp, 0, b'>', MspFunction::FcVariant, name).is_empty());
     msp
 }
@@ -84,7 +84,7 @@ fn count_requests(requested: &[(u64, u16)], function: MspFunction) -> usize {
 #[test]
 fn without_a_known_firmware_attitude_is_ignored() {
     for (name, times) in [(None, 209..=211), (Some(b"PX4X"), 10..=10)] {
-        let mut msp = name.map_or_else(Msp::new, |name| msp_with_firmware(name));
+        let mut msp = name.map_or_else(Msp::default, |name| msp_with_firmware(name));
         assert!(receive(&mut msp, 0, b'>', MspFunction::Attitude, &ATTITUDE_PAYLOAD).is_empty());
         let requested = requests_in_seconds(&mut msp, 10, None);
         assert_eq!(count_requests(&requested, MspFunction::Attitude), 0);
@@ -92,7 +92,7 @@ fn without_a_known_firmware_attitude_is_ignored() {
         assert!(times.contains(&request_count), "{name:?}: {request_count}");
         assert!((9..=11).contains(&count_requests(&requested, MspFunction::Status)), "whether it is armed is of use");
     }
-    let first = poll_frames(&mut Msp::new(), 0, &Estimate::EMPTY);
+    let first = poll_frames(&mut Msp::default(), 0, &Estimate::EMPTY);
     assert!(first.iter().any(|frame| function_of_frame(frame) == MspFunction::FcVariant as u16), "at once");
 }
 
@@ -188,7 +188,7 @@ fn an_incomplete_reply_is_discarded_and_a_damaged_one_counted() {
 
 #[test]
 fn only_a_reply_detects_an_msp_peer() {
-    let mut msp = Msp::new();
+    let mut msp = Msp::default();
     assert!(b"$GPRMC,$X>$X!".iter().all(|&byte| process_byte(&mut msp, timestamp(0), byte).is_none()));
     for (direction, payload) in [(b'!', &b""[..]), (b'>', b"INAV")] {
         let answer = msp_frame(direction, MspFunction::FcVariant as u16, payload);
@@ -200,7 +200,7 @@ fn only_a_reply_detects_an_msp_peer() {
 
 #[test]
 fn armed_state_expires_after_ten_seconds() {
-    let mut msp = Msp::new();
+    let mut msp = Msp::default();
     assert_eq!(msp.is_armed(timestamp(0)), None);
     assert!(receive(&mut msp, 0, b'>', MspFunction::Status, &STATUS_ARMED).is_empty());
     assert_eq!((msp.is_armed(timestamp(10_000_000)), msp.is_armed(timestamp(10_000_001))), (Some(true), None));
@@ -212,7 +212,7 @@ fn armed_state_expires_after_ten_seconds() {
 
 #[test]
 fn current_position_and_date_are_received() {
-    let mut msp = Msp::new();
+    let mut msp = Msp::default();
     let received = receive(&mut msp, 0, b'>', MspFunction::Analog, &[0, 0, 0, 0, 0, 0xE2, 0x04]);
     assert_eq!(received, [ReceivedMessage::Current(12.5)]);
     let mut gps = [2, 9, 0, 0, 0, 0, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
@@ -231,7 +231,7 @@ fn current_position_and_date_are_received() {
 #[test]
 fn a_request_that_does_not_fit_is_sent_later() {
     let mut msp = msp_with_firmware(b"ARDU");
-    let mut out = TransmitBuffer::new();
+    let mut out = TransmitBuffer::default();
     assert!(out.append_message(&[&[0; 380]]));
     let snapshot = Snapshot { now: timestamp(0), ..test_snapshot(&Estimate::EMPTY, &Settings::DEFAULT) };
     msp.poll(&snapshot, &mut AutopilotSession::default(), &mut out);

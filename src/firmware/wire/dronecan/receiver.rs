@@ -45,17 +45,11 @@ pub struct TransferReceiver {
 
 impl Default for TransferReceiver {
     fn default() -> Self {
-        Self::new()
+        Self { slots: [const { TransferSlot::EMPTY }; TRANSFER_SLOTS], rejected_count: 0 }
     }
 }
 
 impl TransferReceiver {
-    /// Creates a receiver.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { slots: [const { TransferSlot::EMPTY }; TRANSFER_SLOTS], rejected_count: 0 }
-    }
-
     /// Processes a frame; returns the transfer that it completes. Requests to other nodes than `own_node` are ignored.
     pub fn push_frame<'a>(
         &'a mut self,

@@ -46,7 +46,7 @@ fn assert_frames(transfer: &OutboundTransfer, id: u32, text: &str) {
 
 /// Passes frames to node 42; returns the transfer that the last one completes, as text, which outlives the frames.
 fn receive_all(frames: &[CanFrame]) -> (Option<String>, u32) {
-    let mut receiver = TransferReceiver::new();
+    let mut receiver = TransferReceiver::default();
     let mut last = None;
     for frame in frames {
         last = receiver.push_frame(Timestamp::START, Some(node_id(42)), frame).map(|transfer| format!("{transfer:?}"));

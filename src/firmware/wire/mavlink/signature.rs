@@ -57,14 +57,10 @@ pub struct Signatures {
 }
 
 impl Signatures {
-    pub(super) const fn new() -> Self {
-        Self { key: None, newest_time_10us: 0, streams: heapless::Vec::new() }
-    }
-
     /// Sets or removes the key.
     pub fn set_key(&mut self, key: Option<SigningKey>) {
         if self.key != key {
-            *self = Self { key, ..Self::new() };
+            *self = Self { key, ..Self::default() };
         }
     }
 

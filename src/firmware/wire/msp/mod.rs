@@ -5,8 +5,8 @@
 //! (<https://github.com/iNavFlight/inav/wiki/MSP-V2>). The only crate for version 2 needs an allocator of an old
 //! nightly compiler and has had no release since 2020.
 //!
-//! The receiver works like MAVLink's (`wire::mavlink`): it searches for headers of a few replies, checks the CRC, and
-//! skips all other bytes one at a time. A length is used only after the CRC has confirmed it.
+//! The receiver searches for headers of a few replies, checks the CRC, and skips all other bytes one at a time
+//! (`frame_buffer.rs`).
 //!
 //! # Roll and pitch
 //!
@@ -44,6 +44,7 @@
 
 use crc::{CRC_8_DVB_S2, Crc};
 
+use super::frame_buffer::FrameBuffer;
 use autoswing::earth::{Date, Position};
 use autoswing::frames::{Body, Field, RollPitch};
 use autoswing_module::messages::ParameterName;
@@ -187,67 +188,32 @@ const MAX_PAYLOAD_LENGTH: usize = 192;
 
 const MAX_FRAME_LENGTH: usize = FRAME_HEADER_SIZE + MAX_PAYLOAD_LENGTH + 1;
 
-/// Receiver of supported replies in a stream of bytes.
+/// Receiver of supported replies in a stream of bytes. It rejects frames with a wrong CRC, a short payload or impossible
+/// values.
 #[derive(Debug, Default)]
 pub struct MspReceiver {
-    buffer: heapless::Vec<u8, MAX_FRAME_LENGTH>,
-    /// Buffered bytes below which a scan finds nothing new.
-    required_length: usize,
-    /// Number of frames with a supported header but a wrong CRC, a short payload or impossible values; wraps.
-    pub rejected_count: u32,
+    buffer: FrameBuffer<MAX_FRAME_LENGTH>,
 }
 
 impl MspReceiver {
-    /// Creates an empty receiver.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { buffer: heapless::Vec::new(), required_length: 0, rejected_count: 0 }
-    }
-
     /// Processes a received byte; returns the message that it completes.
     pub fn push_byte(&mut self, byte: u8) -> Option<MspReply> {
-        // The buffer is never full: `scan_buffer` leaves less than one frame.
-        let _ = self.buffer.push(byte);
-        if self.buffer.len() < self.required_length { None } else { self.scan_buffer() }
+        self.buffer.push_byte(byte, frame_length, decode_reply)
     }
 
     /// Drops a partly received frame.
     pub fn discard_partial(&mut self) {
         self.buffer.clear();
-        self.required_length = 0;
     }
 
-    /// Decodes frames at the start of the buffer until more bytes are needed.
-    fn scan_buffer(&mut self) -> Option<MspReply> {
-        loop {
-            let Some(needed) = required_frame_length(&self.buffer) else {
-                self.drop_first_bytes(1);
-                continue;
-            };
-            self.required_length = needed;
-            let frame = self.buffer.get(..needed)?;
-            let message = if has_valid_checksum(frame) { decode_reply(frame) } else { None };
-            if message.is_some() {
-                self.drop_first_bytes(needed);
-                return message;
-            }
-            // A valid frame may start inside the invalid one: skip one byte only.
-            self.rejected_count = self.rejected_count.wrapping_add(1);
-            self.drop_first_bytes(1);
-        }
-    }
-
-    fn drop_first_bytes(&mut self, count: usize) {
-        self.required_length = 0;
-        let count = count.min(self.buffer.len());
-        self.buffer.rotate_left(count);
-        self.buffer.truncate(self.buffer.len() - count);
+    /// Number of rejected frames; wraps.
+    #[must_use]
+    pub const fn rejected_count(&self) -> u32 {
+        self.buffer.rejected_count
     }
 }
 
-/// Length of the frame at the start of the buffer, or of a header while that is incomplete; none without a supported
-/// header.
-fn required_frame_length(bytes: &[u8]) -> Option<usize> {
+fn frame_length(bytes: &[u8]) -> Option<usize> {
     match *bytes {
         [b'$', b'X', b'>' | b'!', _, f0, f1, n0, n1, ..] => {
             let payload = usize::from(u16::from_le_bytes([n0, n1]));
@@ -266,12 +232,12 @@ fn checksum(bytes: &[u8]) -> u8 {
     CRC.checksum(bytes)
 }
 
-fn has_valid_checksum(frame: &[u8]) -> bool {
-    matches!(frame, [_, _, _, checked @ .., crc] if checksum(checked) == *crc)
-}
-
-/// Decodes a valid frame; none for a short payload or impossible values.
+/// Decodes a frame; none for a wrong CRC, a short payload or impossible values.
 fn decode_reply(frame: &[u8]) -> Option<MspReply> {
+    let [_, _, _, checked @ .., crc] = frame else { return None };
+    if checksum(checked) != *crc {
+        return None;
+    }
     let [_, _, direction, _, f0, f1, _, _, payload @ .., _crc] = frame else { return None };
     let function = MspFunction::from_number(u16::from_le_bytes([*f0, *f1]))?;
     let is_answer = matches!(function, MspFunction::SetSetting | MspFunction::EepromWrite);

@@ -19,9 +19,9 @@ fn angles_of(roll_decideg: i16, pitch_decideg: i16) -> MspReply {
 
 /// All messages in a stream, and the number of rejected frames.
 fn decoded_replies(stream: &[u8]) -> (Vec<MspReply>, u32) {
-    let mut receiver = MspReceiver::new();
+    let mut receiver = MspReceiver::default();
     let messages = stream.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
-    (messages, receiver.rejected_count)
+    (messages, receiver.rejected_count())
 }
 
 fn decode_single(stream: &[u8]) -> Option<MspReply> {

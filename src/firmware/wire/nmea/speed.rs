@@ -18,12 +18,6 @@ pub struct SpeedReceiver {
 }
 
 impl SpeedReceiver {
-    /// Creates a receiver.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { received: Sentence::new() }
-    }
-
     /// Processes a byte; returns the speed, m/s, of the sentence that it completes.
     pub fn push_byte(&mut self, byte: u8) -> Option<f32> {
         match byte {
@@ -61,7 +55,7 @@ mod tests {
     use super::*;
 
     fn received_speeds(bytes: &[u8]) -> Vec<f32> {
-        let mut receiver = SpeedReceiver::new();
+        let mut receiver = SpeedReceiver::default();
         bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).collect()
     }
 

@@ -9,7 +9,7 @@ const NAMED_VALUE_ID: u8 = 251;
 
 /// Bench that listens for other modules; the autopilot sends a heartbeat a second.
 fn listening_bench(is_armed: bool) -> MavlinkBench {
-    let mut bench = MavlinkBench { mavlink: Mavlink::new(), ..MavlinkBench::new() };
+    let mut bench = MavlinkBench { mavlink: Mavlink::default(), ..MavlinkBench::new() };
     bench.receive(&mavlink_heartbeat(AUTOPILOT, true, is_armed));
     bench
 }

@@ -72,7 +72,7 @@ struct MavlinkBench {
 impl MavlinkBench {
     /// Bench an hour after the start, without a known autopilot, whose component is settled.
     fn new() -> Self {
-        let mut mavlink = Mavlink::new();
+        let mut mavlink = Mavlink::default();
         mavlink.component_claim.update(Timestamp::START, Settings::DEFAULT.component, true);
         Self {
             mavlink,
@@ -119,7 +119,7 @@ impl MavlinkBench {
             calibration: self.calibration.as_ref(),
             can_node: None,
         };
-        let mut out = TransmitBuffer::new();
+        let mut out = TransmitBuffer::default();
         let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);
         assert!(out.append_message(&[&vec![0; others]]));
         self.mavlink.poll(&snapshot, &mut out);

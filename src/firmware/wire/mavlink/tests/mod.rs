@@ -58,9 +58,9 @@ fn heartbeat_frames(mav_type: u8, autopilot: u8, base_mode: u8) -> [Vec<u8>; 2] 
 
 /// Decoded messages of a stream, and the number of rejected frames.
 fn decoded_messages(bytes: &[u8]) -> (Vec<InboundMessage>, u32) {
-    let mut receiver = MavlinkReceiver::new();
+    let mut receiver = MavlinkReceiver::default();
     let messages = bytes.iter().filter_map(|&byte| receiver.push_byte(byte)).collect();
-    (messages, receiver.rejected_count)
+    (messages, receiver.rejected_count())
 }
 
 fn attitude_message(body_rates: Option<BodyRates>) -> InboundMessage {

@@ -16,7 +16,7 @@ const SIGNED_FRAME: [u8; 34] = [
 ];
 
 fn receiver_with_key(passphrase: &str) -> MavlinkReceiver {
-    let mut receiver = MavlinkReceiver::new();
+    let mut receiver = MavlinkReceiver::default();
     receiver.signatures.set_key(Some(key_from_passphrase(passphrase)));
     receiver
 }
@@ -36,9 +36,9 @@ fn signed_frame(signatures: &mut Signatures, from: Address) -> EncodedFrame {
 fn a_frame_is_accepted_once_and_with_the_right_key() {
     let mut right = receiver_with_key("swing");
     assert!(is_accepted(&mut right, &SIGNED_FRAME));
-    assert!(!is_accepted(&mut right, &SIGNED_FRAME) && right.rejected_count == 1, "repeated");
+    assert!(!is_accepted(&mut right, &SIGNED_FRAME) && right.rejected_count() == 1, "repeated");
     assert!(!is_accepted(&mut receiver_with_key("Swing"), &SIGNED_FRAME));
-    assert!(is_accepted(&mut MavlinkReceiver::new(), &SIGNED_FRAME), "without a key");
+    assert!(is_accepted(&mut MavlinkReceiver::default(), &SIGNED_FRAME), "without a key");
     for byte in [5, 14, 16, 22, 23, 33] {
         let mut changed = SIGNED_FRAME;
         changed[byte] ^= 1;
@@ -49,9 +49,9 @@ fn a_frame_is_accepted_once_and_with_the_right_key() {
 #[test]
 fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
     let (mut one, mut other) = (receiver_with_key("swing"), receiver_with_key("swing"));
-    let unsigned = signed_frame(&mut Signatures::new(), AUTOPILOT);
-    assert!(!is_accepted(&mut one, &unsigned) && one.rejected_count == 1);
-    assert!(is_accepted(&mut MavlinkReceiver::new(), &unsigned));
+    let unsigned = signed_frame(&mut Signatures::default(), AUTOPILOT);
+    assert!(!is_accepted(&mut one, &unsigned) && one.rejected_count() == 1);
+    assert!(is_accepted(&mut MavlinkReceiver::default(), &unsigned));
     for _ in 0..3 {
         let signed = signed_frame(&mut one.signatures, AUTOPILOT);
         assert_eq!((signed.len(), signed[2]), (unsigned.len() + SIGNATURE_SIZE, SIGNED_FLAG));
@@ -67,7 +67,7 @@ fn with_a_key_unsigned_frames_are_rejected_and_sent_ones_signed() {
 #[test]
 fn old_streams_and_too_many_are_rejected() {
     let frame_at = |time, system| {
-        let mut sender = Signatures::new();
+        let mut sender = Signatures::default();
         sender.set_key(Some(key_from_passphrase("swing")));
         sender.newest_time_10us = time;
         signed_frame(&mut sender, Address { system_id: system, component_id: 1 })

@@ -59,7 +59,7 @@ impl Bench {
         let source = SimulatedAttitudeSource::new(AttitudeSourceConfig::default(), GyroConfig::ERROR_FREE, 1);
         Self {
             autopilot: MavlinkAutopilot::new(source, firmware, 0),
-            module: Mavlink::new(),
+            module: Mavlink::default(),
             now_ms: 0,
             received_messages: vec![],
             module_frames: vec![],
@@ -101,7 +101,7 @@ impl Bench {
             calibration: None,
             can_node: Some(125),
         };
-        let mut transmit_buffer = TransmitBuffer::new();
+        let mut transmit_buffer = TransmitBuffer::default();
         self.module.poll(&snapshot, &mut transmit_buffer);
         self.notices.extend(self.module.take_message(snapshot.now).map(|notice| notice.to_string()));
         if let Some(Command::KeepReplacedNumber(replaced)) = self.module.take_command()

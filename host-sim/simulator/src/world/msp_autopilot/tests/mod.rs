@@ -30,13 +30,13 @@ fn request_reply(
     autopilot_state: &AutopilotState,
 ) -> Option<MspReply> {
     send_request(autopilot, 0, &msp::encode_request(function));
-    let mut receiver = MspReceiver::new();
+    let mut receiver = MspReceiver::default();
     let messages: Vec<_> = autopilot
         .due_reply_bytes(u64::MAX, autopilot_state)
         .into_iter()
         .filter_map(|byte| receiver.push_byte(byte))
         .collect();
-    assert!(messages.len() <= 1 && receiver.rejected_count == 0);
+    assert!(messages.len() <= 1 && receiver.rejected_count() == 0);
     messages.first().copied()
 }
 
@@ -97,10 +97,10 @@ fn replies_with_faults(answer_faults: AnswerFaults) -> (Vec<MspReply>, usize, u3
         bytes.extend(autopilot.due_reply_bytes((i + 1) * 20_000, &AUTOPILOT_STATE));
     }
     let number = bytes.len();
-    let mut receiver = MspReceiver::new();
+    let mut receiver = MspReceiver::default();
     bytes.extend([0; 128]);
     let messages = bytes.into_iter().filter_map(|byte| receiver.push_byte(byte)).collect();
-    (messages, number, receiver.rejected_count)
+    (messages, number, receiver.rejected_count())
 }
 
 /// Probability 0.1 within four sigmas; unaffected answers arrive.
