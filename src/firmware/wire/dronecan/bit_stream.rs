@@ -23,6 +23,13 @@ impl BitWriter {
         }
     }
 
+    /// Appends values with their widths, bits.
+    pub fn put_fields(&mut self, fields: &[(u64, u32)]) {
+        for &(value, bits) in fields {
+            self.put_bits(value, bits);
+        }
+    }
+
     /// Appends 1 to 8 low bits of a byte.
     fn put_bits_of_byte(&mut self, value: u8, count: u32) {
         let aligned = value << (8 - count);

@@ -1,5 +1,6 @@
 //! Received messages and requests, and the decoding of their payloads. Missing values at the end of a payload are zero
 //! or empty, further bytes are ignored.
+#![expect(clippy::unnecessary_wraps, reason = "the table's decoders have one signature")]
 
 use super::bit_stream::BitReader;
 use super::frame::NodeId;
@@ -195,7 +196,6 @@ fn parse_get_set(payload: &[u8]) -> Option<BusMessage<'_>> {
     }))
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_opcode(payload: &[u8]) -> Option<BusMessage<'_>> {
     Some(BusMessage::ExecuteOpcode(match BitReader::new(payload).read_bits(8) {
         0 if !payload.is_empty() => ParameterOpcode::Save,
@@ -204,12 +204,10 @@ fn parse_opcode(payload: &[u8]) -> Option<BusMessage<'_>> {
     }))
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_restart(payload: &[u8]) -> Option<BusMessage<'_>> {
     Some(BusMessage::RestartNode(BitReader::new(payload).read_bits(40) == RESTART_MAGIC))
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_firmware_update(payload: &[u8]) -> Option<BusMessage<'_>> {
     let mut fields = BitReader::new(payload);
     let server = NodeId::new(fields.read_bits(8) as u8);
@@ -238,7 +236,6 @@ fn parse_arming_status(payload: &[u8]) -> Option<BusMessage<'_>> {
 }
 
 /// Temperature, voltage, current, four more numbers, flags and percentages, then the number of the battery.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_battery_info(payload: &[u8]) -> Option<BusMessage<'_>> {
     const BYTES_BEFORE_CURRENT: usize = 4;
     const BYTES_FROM_CURRENT_TO_ID: usize = 12;
@@ -250,7 +247,6 @@ fn parse_battery_info(payload: &[u8]) -> Option<BusMessage<'_>> {
 }
 
 /// Times of the node and of the satellites in microseconds, longitude and latitude in 1e-8 deg, heights in millimetres.
-#[expect(clippy::unnecessary_wraps, reason = "one of the table's decoders")]
 fn parse_fix(payload: &[u8]) -> Option<BusMessage<'_>> {
     const TIME_STANDARD_UTC: u64 = 2;
     const VELOCITY_BITS: u32 = 96;

@@ -41,21 +41,25 @@ pub struct NodeStatus {
 }
 
 impl NodeStatus {
-    fn put_status(self, out: &mut BitWriter) {
-        out.put_bits(self.uptime_s.into(), 32);
-        out.put_bits(self.health as u64, 2);
-        out.put_bits(self.node_mode as u64, 3);
-        out.put_bits(0, 3);
-        out.put_bits(self.vendor_code.into(), 16);
+    /// Fields with their widths, bits.
+    const fn fields(self) -> [(u64, u32); 5] {
+        let (health, mode) = (self.health as u64, self.node_mode as u64);
+        [(self.uptime_s as u64, 32), (health, 2), (mode, 3), (0, 3), (self.vendor_code as u64, 16)]
     }
 
     /// Encoded NodeStatus message.
     #[must_use]
     pub fn payload(self) -> Payload {
-        let mut out = BitWriter::default();
-        self.put_status(&mut out);
-        out.into_payload()
+        encode_payload(&self.fields(), &[])
     }
+}
+
+/// Payload of fields with their widths, bits, and of bytes behind them.
+fn encode_payload(fields: &[(u64, u32)], bytes: &[u8]) -> Payload {
+    let mut out = BitWriter::default();
+    out.put_fields(fields);
+    out.put_bytes(bytes);
+    out.into_payload()
 }
 
 /// Software of a node.
@@ -113,7 +117,7 @@ impl NodeInfo {
     pub fn payload(&self, status: NodeStatus) -> Payload {
         let SoftwareVersion { major_version: major, minor_version: minor, commit, image_crc } = self.software_version;
         let mut out = BitWriter::default();
-        status.put_status(&mut out);
+        out.put_fields(&status.fields());
         out.put_bytes(&[major, minor, u8::from(commit.is_some()) | u8::from(image_crc.is_some()) << 1]);
         out.put_bits(commit.unwrap_or(0).into(), 32);
         out.put_bits(image_crc.unwrap_or(0), 64);
@@ -129,12 +133,8 @@ impl NodeInfo {
 /// Request of an allocation: the next part of the unique id.
 #[must_use]
 pub fn allocation_payload(is_first_part: bool, unique_id_part: &[u8]) -> Payload {
-    let mut out = BitWriter::default();
     // A request without a preferred number: the allocator remembers the number of each unique id.
-    out.put_bits(0, 7);
-    out.put_bits(is_first_part.into(), 1);
-    out.put_bytes(unique_id_part);
-    out.into_payload()
+    encode_payload(&[(0, 7), (is_first_part.into(), 1)], unique_id_part)
 }
 
 /// Response to GetSet. Without a name the parameter does not exist, and all values are empty.
@@ -169,21 +169,11 @@ impl ParameterResponse<'_> {
 fn put_value(out: &mut BitWriter, value: GetSetValue<'_>, tag_bits: u32) {
     match value {
         GetSetValue::Empty => out.put_bits(0, tag_bits),
-        GetSetValue::Integer(number) => {
-            out.put_bits(1, tag_bits);
-            out.put_bits(number.cast_unsigned(), 64);
-        }
-        GetSetValue::Real(number) => {
-            out.put_bits(2, tag_bits);
-            out.put_bits(number.to_bits().into(), 32);
-        }
-        GetSetValue::Boolean(is_on) => {
-            out.put_bits(3, tag_bits);
-            out.put_bits(is_on.into(), 8);
-        }
+        GetSetValue::Integer(number) => out.put_fields(&[(1, tag_bits), (number.cast_unsigned(), 64)]),
+        GetSetValue::Real(number) => out.put_fields(&[(2, tag_bits), (number.to_bits().into(), 32)]),
+        GetSetValue::Boolean(is_on) => out.put_fields(&[(3, tag_bits), (is_on.into(), 8)]),
         GetSetValue::Text(text) => {
-            out.put_bits(4, tag_bits);
-            out.put_bytes(&[text.len() as u8]);
+            out.put_fields(&[(4, tag_bits), (text.len() as u64, 8)]);
             out.put_bytes(text);
         }
     }
@@ -192,18 +182,13 @@ fn put_value(out: &mut BitWriter, value: GetSetValue<'_>, tag_bits: u32) {
 /// Response to ExecuteOpcode.
 #[must_use]
 pub fn opcode_result(is_ok: bool) -> Payload {
-    let mut out = BitWriter::default();
-    out.put_bits(0, 48);
-    out.put_bits(is_ok.into(), 1);
-    out.into_payload()
+    encode_payload(&[(0, 48), (is_ok.into(), 1)], &[])
 }
 
 /// Response to RestartNode.
 #[must_use]
 pub fn restart_result(is_ok: bool) -> Payload {
-    let mut out = BitWriter::default();
-    out.put_bits(is_ok.into(), 1);
-    out.into_payload()
+    encode_payload(&[(is_ok.into(), 1)], &[])
 }
 
 /// Counters of a bus since the start.
@@ -240,8 +225,7 @@ pub fn log_message(severity: Severity, source: &str, text: &[u8]) -> Payload {
         Severity::Warning => 2,
     };
     let mut out = BitWriter::default();
-    out.put_bits(level, 3);
-    out.put_bits(source.len() as u64, 5);
+    out.put_fields(&[(level, 3), (source.len() as u64, 5)]);
     out.put_bytes(source.as_bytes());
     out.put_bytes(text);
     out.into_payload()
@@ -274,23 +258,21 @@ pub enum UpdateResult {
 /// Response to BeginFirmwareUpdate, with a reason of at most 80 bytes.
 #[must_use]
 pub fn update_result(result: UpdateResult, reason: &str) -> Payload {
-    let mut out = BitWriter::default();
-    out.put_bytes(&[result as u8]);
-    out.put_bytes(reason.as_bytes());
-    out.into_payload()
+    encode_payload(&[(result as u64, 8)], reason.as_bytes())
 }
 
 impl Targetted<'_> {
     /// Message to a node.
     #[must_use]
     pub fn payload(&self) -> Payload {
-        let mut out = BitWriter::default();
-        out.put_bits(self.protocol.into(), 8);
-        out.put_bits(self.target.into(), 7);
-        out.put_bits(i64::from(self.serial_line).cast_unsigned(), 5);
-        out.put_bits(self.tunnel_options.into(), 4);
-        out.put_bits(self.baud.into(), 24);
-        out.put_bytes(self.serial_bytes);
-        out.into_payload()
+        let serial_line = i64::from(self.serial_line).cast_unsigned();
+        let fields = [
+            (self.protocol.into(), 8),
+            (self.target.into(), 7),
+            (serial_line, 5),
+            (self.tunnel_options.into(), 4),
+            (self.baud.into(), 24),
+        ];
+        encode_payload(&fields, self.serial_bytes)
     }
 }
