@@ -116,13 +116,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             if let (Command::Autopilot(action), true) = (command, reply.is_ok()) {
                 links.pass_autopilot_action(action);
             }
-            match source {
-                CommandSource::Console => links.replies.send(reply).await,
-                CommandSource::Line(line) => {
-                    links.links_of_line(line).command_results.signal((command, reply.map(|_| ())));
-                }
-                CommandSource::Button => {}
-            }
+            links.send_reply(source, command, reply).await;
         }
     }
 }

@@ -4,7 +4,7 @@ use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
-use super::task_links::CommandSource;
+use super::task_links::{CommandSource, LINE_ERROR_PAUSE};
 use crate::app::task_links::TaskLinks;
 use crate::console::session::Session;
 use crate::console::{Request, reply, write_help};
@@ -15,9 +15,6 @@ use autoswing_module::messages::Refusal;
 
 /// Write timeout, after which the pending output is dropped.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-
-/// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
-const LINE_ERROR_PAUSE: Duration = Duration::from_micros(200);
 
 /// Delay of a restart, in which the reply to `reboot` is sent.
 const REBOOT_DELAY: Duration = Duration::from_millis(50);

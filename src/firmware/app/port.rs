@@ -5,19 +5,16 @@ use core::sync::atomic::Ordering;
 
 use embassy_futures::select::{Either4, select4};
 use embassy_futures::yield_now;
-use embassy_time::{Duration, Timer};
+use embassy_time::Timer;
 use embedded_io_async::{Read, Write};
 
 use super::line::{calibration_to_report, route_message, update_line_state, with_snapshot};
-use super::task_links::{AutopilotLine, increment_counter, now, subscribe};
+use super::task_links::{AutopilotLine, LINE_ERROR_PAUSE, increment_counter, now, subscribe};
 use crate::app::task_links::TaskLinks;
 use crate::health::EventCounters;
 use crate::port::{MessageSchedule, Port, TransmitBuffer};
 use autoswing::time::Timestamp;
 use autoswing_module::settings::{BaudRate, PortNumber, PortSettings, ProtocolKind, Settings};
-
-/// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
-const LINE_ERROR_PAUSE: Duration = Duration::from_micros(200);
 
 /// Rate of checks for a silent autopilot; received changes apply at once.
 const AUTOPILOT_SILENCE_CHECK_HZ: u8 = 5;

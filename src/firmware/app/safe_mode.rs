@@ -63,13 +63,7 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
                         .map_err(Refusal::Store),
                     _ => Err(Refusal::SafeMode),
                 };
-                match source {
-                    CommandSource::Console => links.replies.send(reply).await,
-                    CommandSource::Line(line) => {
-                        links.links_of_line(line).command_results.signal((command, reply.map(|_| ())));
-                    }
-                    CommandSource::Button => {}
-                }
+                links.send_reply(source, command, reply).await;
             }
             Either::Second(()) => {
                 watchdog.feed();

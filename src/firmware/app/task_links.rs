@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::{self, RawMutex as _};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::{Receiver, Watch};
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant};
 
 use crate::health::{CanState, EventCounters, EventCounts};
 use autoswing::attitude::{AttitudeReport, LineSelector};
@@ -22,6 +22,9 @@ use autoswing_module::compass::{AutopilotAction, Command, IndicatorState, Reply}
 use autoswing_module::messages::{AutopilotReport, Message, Refusal};
 use autoswing_module::settings::Settings;
 use autoswing_module::settings::{PORT_COUNT, PortNumber, ProtocolKind};
+
+/// Pause after a line error, one or two bytes long, so that a permanent error does not occupy the processor.
+pub(super) const LINE_ERROR_PAUSE: Duration = Duration::from_micros(200);
 
 /// Value with the time at which it was ready.
 #[derive(Clone, Copy, Debug)]
@@ -232,6 +235,17 @@ impl TaskLinks {
     pub(super) fn send_command(&self, line: AutopilotLine, command: Option<Command>) {
         if let Some(command) = command {
             let _ = self.commands.try_send((CommandSource::Line(line), command));
+        }
+    }
+
+    /// Replies to the source of a command.
+    pub(super) async fn send_reply(&self, source: CommandSource, command: Command, reply: Result<Reply, Refusal>) {
+        match source {
+            CommandSource::Console => self.replies.send(reply).await,
+            CommandSource::Line(line) => {
+                self.links_of_line(line).command_results.signal((command, reply.map(|_| ())));
+            }
+            CommandSource::Button => {}
         }
     }
 

@@ -1,7 +1,5 @@
 //! Errors of chips.
 
-use core::fmt;
-
 /// Error of a chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChipError<E> {
@@ -21,19 +19,3 @@ pub enum ChipError<E> {
     /// No measurement within the timeout.
     NoData,
 }
-
-impl<E: fmt::Display> fmt::Display for ChipError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Bus(error) => write!(f, "bus error: {error}"),
-            Self::WrongIdentity(identity) => write!(f, "the identity register reads {identity:#04x}"),
-            Self::Configuration { written, read } => {
-                write!(f, "a register with {written:#04x} written reads {read:#04x}")
-            }
-            Self::SelfTest(result) => write!(f, "the self-test returned {result:#04x}"),
-            Self::NoData => f.write_str("no measurement within the timeout"),
-        }
-    }
-}
-
-impl<E: fmt::Debug + fmt::Display> core::error::Error for ChipError<E> {}

@@ -301,15 +301,7 @@ impl Mavlink {
         }
         is_sent
     }
-}
 
-/// Whether `target` includes `module_address`; an id of 0 addresses all systems or components.
-fn is_addressed_to(target: Address, module_address: Address) -> bool {
-    [0, module_address.system_id].contains(&target.system_id)
-        && [0, module_address.component_id].contains(&target.component_id)
-}
-
-impl Mavlink {
     /// Processes a received byte; returns the message that it completes.
     pub fn process_byte(&mut self, at: Timestamp, byte: u8) -> Option<ReceivedMessage> {
         let message = self.receiver.push_byte(byte)?;
@@ -371,6 +363,12 @@ impl Mavlink {
         }
         (self.sequence_number, self.receiver.signatures) = (sequence, signatures);
     }
+}
+
+/// Whether `target` includes `module_address`; an id of 0 addresses all systems or components.
+fn is_addressed_to(target: Address, module_address: Address) -> bool {
+    [0, module_address.system_id].contains(&target.system_id)
+        && [0, module_address.component_id].contains(&target.component_id)
 }
 
 /// Whether attitude and field contradict each other; the attitude may be that of another vehicle.

@@ -184,9 +184,7 @@ impl Msp {
         }
         true
     }
-}
 
-impl Msp {
     /// Processes a received byte; returns the message that it completes.
     pub(super) fn process_byte(
         &mut self,
