@@ -304,7 +304,7 @@ fn the_autopilot_is_set_up_through_the_tunnel() {
         ardupilot.take_received()
     };
     run_ms(&mut bench, 6_000, &[]);
-    let set_up = mavlink_command([255, 190], [1, 158], 31_010, [2.0, 0.0, 0.0, 0.0]);
+    let set_up = mavlink_command([255, 190], [1, 158], 31_010, 0, [2.0, 0.0, 0.0, 0.0]);
     let received = run_ms(&mut bench, 30_000, &set_up);
     assert_eq!(frames_with_id(COMMAND_ACK, &received).len(), 1);
     let texts = status_texts(&received);

@@ -296,7 +296,7 @@ fn the_autopilot_is_set_up_from_the_console_or_by_a_ground_station() {
     ] {
         assert!(notes.contains(note), "{note}: {notes}");
     }
-    let set_up = mavlink_command([255, 190], [1, 158], 31_010, [2.0, 0.0, 0.0, 0.0]);
+    let set_up = mavlink_command([255, 190], [1, 158], 31_010, 0, [2.0, 0.0, 0.0, 0.0]);
     received_frames(&rig, 0);
     rig.autopilot.send_bytes(&set_up);
     run_for_s(&mut rig, 20.0);
@@ -374,7 +374,7 @@ fn a_ground_station_commands_calibration_and_restart() {
     let _ = received_frames(&rig, 0);
     let received_frames_log = RefCell::new(Vec::new());
     let order = |rig: &mut Rig, system: u8, command: u16, parameters: [f32; 4]| {
-        rig.autopilot.send_bytes(&mavlink_command([255, 190], [system, 158], command, parameters));
+        rig.autopilot.send_bytes(&mavlink_command([255, 190], [system, 158], command, 0, parameters));
         run_for_s(rig, 2.5);
         let new_frames = received_frames(rig, 0);
         received_frames_log.replace(status_texts(&new_frames));

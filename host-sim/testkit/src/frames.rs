@@ -4,6 +4,13 @@
 /// Sender or addressee of a MAVLink message: system and component.
 pub type MavlinkAddress = [u8; 2];
 
+/// Bytes of hexadecimal digits, between which other characters are ignored.
+#[must_use]
+pub fn bytes_from_hex(hex: &str) -> Vec<u8> {
+    let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
+    digits.chunks(2).map(|pair| pair.iter().fold(0, |byte, digit| byte << 4 | digit)).collect()
+}
+
 /// Appends the CRC of a MAVLink frame: of all its bytes but the first, and of the message's extra byte
 /// (CRC-16/MCRF4XX; mavlink.io, "Serialization").
 #[must_use]
@@ -48,18 +55,20 @@ pub fn mavlink_attitude_payload(boot_ms: u32, angles_and_rates: [f32; 6]) -> Vec
     boot_ms.to_le_bytes().into_iter().chain(angles_and_rates.into_iter().flat_map(f32::to_le_bytes)).collect()
 }
 
-/// COMMAND_LONG with the first of its seven parameters; the others are zero.
+/// COMMAND_LONG with its number of repetitions, and the first of its seven parameters; the others are zero.
 #[must_use]
 pub fn mavlink_command(
     sender: MavlinkAddress,
     target: MavlinkAddress,
     command: u16,
+    confirmation: u8,
     first_parameters: [f32; 4],
 ) -> Vec<u8> {
     let mut payload = first_parameters.map(f32::to_le_bytes).concat();
     payload.resize(28, 0);
     payload.extend(command.to_le_bytes());
     payload.extend(target);
+    payload.push(confirmation);
     mavlink_v2_frame(sender, 76, 152, &payload)
 }
 

@@ -7,14 +7,10 @@ use super::*;
 use autoswing::earth::{Date, Position};
 use autoswing::time::Timestamp;
 use autoswing_module::messages::Severity;
+use testkit::frames::bytes_from_hex;
 
 fn node_id(number: u8) -> NodeId {
     NodeId::new(number).unwrap()
-}
-
-fn bytes_from_hex(hex: &str) -> Vec<u8> {
-    let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
-    digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
 }
 
 /// Frames of a text: data in hexadecimal digits, frames separated by semicolons.

@@ -1,9 +1,5 @@
 use super::*;
-use testkit::frames::msp_frame;
-
-fn bytes_of_hex(text: &str) -> Vec<u8> {
-    text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
-}
+use testkit::frames::{bytes_from_hex, msp_frame};
 
 fn reply_frame(function: MspFunction, payload: &[u8]) -> Vec<u8> {
     msp_frame(b'>', function as u16, payload)
@@ -36,9 +32,9 @@ fn decode_single(stream: &[u8]) -> Option<MspReply> {
 #[test]
 fn sent_frames_match_frames_that_autopilots_accepted() {
     assert_eq!(checksum(b"123456789"), 0xBC);
-    assert_eq!(encode_request(MspFunction::Attitude).to_vec(), bytes_of_hex("24 58 3C 00 6C 00 00 00 D8"));
+    assert_eq!(encode_request(MspFunction::Attitude).to_vec(), bytes_from_hex("24 58 3C 00 6C 00 00 00 D8"));
     let sent = compass_message(0, 123_456, Field::from_ut(20.0, -5.1, 44.2));
-    assert_eq!(sent.to_vec(), bytes_of_hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
+    assert_eq!(sent.to_vec(), bytes_from_hex("24 58 3C 00 04 1F 0B 00 00 40 E2 01 00 C8 00 CD FF BA 01 26"));
     for (function, number) in [
         (MspFunction::FcVariant, 2),
         (MspFunction::Status, 101),
@@ -88,10 +84,10 @@ fn replies_of_later_longer_versions_are_decoded() {
         (MspFunction::Status, status.to_vec(), MspReply::Armed(true)),
         (MspFunction::Status, [&[9; 6][..], &[0xFE, 0xFF], &[1; 3]].concat(), MspReply::Armed(false)),
         (MspFunction::RawGps, gps.to_vec(), MspReply::RawGps(place)),
-        (MspFunction::Attitude, bytes_of_hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
-        (MspFunction::Analog, bytes_of_hex("07 07 07 07 07 D2 04"), MspReply::Current(12.34)),
+        (MspFunction::Attitude, bytes_from_hex("7B 00 CE FF 0A 00"), angles_of(123, -50)),
+        (MspFunction::Analog, bytes_from_hex("07 07 07 07 07 D2 04"), MspReply::Current(12.34)),
         // A battery can be charged.
-        (MspFunction::Analog, bytes_of_hex("07 07 07 07 07 FE FF"), MspReply::Current(-0.02)),
+        (MspFunction::Analog, bytes_from_hex("07 07 07 07 07 FE FF"), MspReply::Current(-0.02)),
         (MspFunction::Rtc, date.to_vec(), MspReply::Rtc(day)),
     ];
     for (function, payload, message) in expected {
@@ -209,7 +205,7 @@ fn refusals_and_empty_replies_are_returned() {
 fn unsupported_frames_are_skipped() {
     let version_1 = [b'$', b'M', b'>', 6, 108, 1, 0, 2, 0, 3, 0, 0x6A];
     let other = msp_frame(b'>', 0x3E6C, &[b'$'; 40]);
-    let noise = bytes_of_hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
+    let noise = bytes_from_hex("24 24 58 24 58 3E 24 58 3F 00 6C 00 00");
     let stream = [
         &attitude_reply(1, 2)[..],
         &version_1,

@@ -3,6 +3,7 @@
 use autoswing::attitude::AttitudeSource;
 use autoswing::inertial::SensorOffsets;
 use serde::Serialize;
+use testkit::frames::bytes_from_hex;
 
 use super::*;
 use crate::replaced_numbers::AutopilotKind;
@@ -60,11 +61,6 @@ pub(super) fn field_bytes_of_item(item: &[u8]) -> Vec<u8> {
 
 fn encoded_fields(value: &impl StoredFields) -> Vec<u8> {
     field_bytes_of_item(&encoded_item(value))
-}
-
-fn bytes_from_hex(hex: &str) -> Vec<u8> {
-    let digits: Vec<u8> = hex.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
-    digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect()
 }
 
 /// A state and a calibration as stored.

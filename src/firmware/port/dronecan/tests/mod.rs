@@ -6,6 +6,7 @@ mod sending;
 mod vehicle;
 
 use super::*;
+use crate::port::snapshot::tests::test_snapshot;
 use crate::wire::dronecan::outbound::SoftwareVersion;
 use crate::wire::dronecan::{OutboundTransfer, Payload, TransferKind, UNIQUE_ID_LENGTH};
 use autoswing::frames::RollPitch;
@@ -129,14 +130,7 @@ impl Bench {
     /// Polls once, without sending.
     fn poll(&mut self) {
         self.estimate.timestamp = self.now();
-        let snapshot = Snapshot {
-            now: self.now(),
-            estimate: &self.estimate,
-            settings: &self.settings,
-            indicator_state: self.indicator,
-            calibration: None,
-            can_node: None,
-        };
+        let snapshot = Snapshot { indicator_state: self.indicator, ..test_snapshot(&self.estimate, &self.settings) };
         let context = NodeContext { snapshot, stored_settings: &self.settings };
         self.commands.extend(self.node.poll(&context));
     }

@@ -3,10 +3,7 @@
 use super::*;
 use autoswing::calibration::method_selection::Procedure;
 
-const ACCEPTED: u8 = 0;
 const REJECTED: u8 = 1;
-const DENIED: u8 = 2;
-const IN_PROGRESS: u8 = 5;
 
 const START_NUMBER: u16 = 42_424;
 const ABORT_NUMBER: u16 = 42_426;
@@ -17,11 +14,11 @@ const MODULE_ADDRESS: MavlinkAddress = [1, 158];
 impl MavlinkBench {
     /// Receives a command of the ground station; returns the command to execute.
     fn send_command(&mut self, number: u16, confirmation: u8) -> Option<Command> {
-        self.receive_command(&command_frame(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
+        self.receive_command(&mavlink_command(GROUND_STATION, MODULE_ADDRESS, number, confirmation, [0.0; 4]))
     }
 
     fn send_reboot_command(&mut self, parameters: [f32; 4]) -> Option<Command> {
-        self.receive_command(&command_frame(GROUND_STATION, MODULE_ADDRESS, REBOOT_NUMBER, 0, parameters))
+        self.receive_command(&mavlink_command(GROUND_STATION, MODULE_ADDRESS, REBOOT_NUMBER, 0, parameters))
     }
 
     fn receive_command(&mut self, frame: &[u8]) -> Option<Command> {
@@ -72,9 +69,9 @@ fn only_commands_addressed_to_the_module_are_accepted() {
         [(MODULE_ADDRESS, true), ([0, 158], true), ([1, 0], false), ([0, 0], false), ([1, 1], false), ([2, 158], false)]
     {
         let mut bench = MavlinkBench::with_autopilot();
-        let start = command_frame(GROUND_STATION, target, START_NUMBER, 0, [0.0; 4]);
+        let start = mavlink_command(GROUND_STATION, target, START_NUMBER, 0, [0.0; 4]);
         assert_eq!(bench.receive_command(&start), is_accepted.then_some(START), "{target:?}");
-        bench.receive(&command_frame(GROUND_STATION, target, 512, 0, [0.0; 4]));
+        bench.receive(&mavlink_command(GROUND_STATION, target, 512, 0, [0.0; 4]));
         assert_eq!(bench.take_acknowledgements().len(), usize::from(is_accepted), "{target:?}");
     }
 }
@@ -115,7 +112,7 @@ fn a_user_command_acts_on_the_autopilot() {
         (f32::NAN, None),
     ] {
         let mut bench = MavlinkBench::with_autopilot();
-        let frame = command_frame(GROUND_STATION, MODULE_ADDRESS, 31_010, 0, [parameter, 0.0, 0.0, 0.0]);
+        let frame = mavlink_command(GROUND_STATION, MODULE_ADDRESS, 31_010, 0, [parameter, 0.0, 0.0, 0.0]);
         assert_eq!(bench.receive_command(&frame), action.map(Command::Autopilot), "{parameter}");
         assert_eq!(bench.take_acknowledgements(), if action.is_some() { vec![] } else { vec![(31_010, DENIED)] });
     }
@@ -146,7 +143,7 @@ fn a_repeated_command_is_answered_and_not_executed_again() {
     bench.mavlink.complete_command(START, Ok(()));
     assert_eq!(bench.send_command(ABORT_NUMBER, 1), Some(Command::CalAbort), "another command");
     bench.mavlink.complete_command(Command::CalAbort, Ok(()));
-    let of_other_sender = command_frame([254, 190], MODULE_ADDRESS, ABORT_NUMBER, 1, [0.0; 4]);
+    let of_other_sender = mavlink_command([254, 190], MODULE_ADDRESS, ABORT_NUMBER, 1, [0.0; 4]);
     assert_eq!(bench.receive_command(&of_other_sender), Some(Command::CalAbort), "another sender");
 }
 

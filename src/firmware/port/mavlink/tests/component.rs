@@ -82,7 +82,7 @@ fn texts_name_the_component_to_which_commands_go() {
 }
 
 fn bench_command(bench: &mut MavlinkBench, component: u8) -> bool {
-    !bench.receive(&command_frame(GROUND_STATION, [1, component], 42_424, 0, [0.0; 4])).is_empty()
+    !bench.receive(&mavlink_command(GROUND_STATION, [1, component], 42_424, 0, [0.0; 4])).is_empty()
 }
 
 /// In flight a restarted module keeps its component, and so does a module beside another line of its own, whose

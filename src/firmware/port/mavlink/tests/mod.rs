@@ -8,13 +8,18 @@ mod requests;
 mod sender;
 
 use super::*;
+use crate::port::snapshot::tests::test_snapshot;
 use crate::port::transmit_buffer::TRANSMIT_CAPACITY;
 use autoswing::calibration::HeadingUncertainty;
 use autoswing::frames::RollPitch;
 use autoswing::heading::Heading;
 use autoswing::instrument::Estimate;
 use autoswing_module::settings::Settings;
-use testkit::frames::{MavlinkAddress, mavlink_attitude, mavlink_heartbeat, mavlink_v2_frame};
+use testkit::frames::{MavlinkAddress, mavlink_attitude, mavlink_command, mavlink_heartbeat, mavlink_v2_frame};
+
+const ACCEPTED: u8 = 0;
+const DENIED: u8 = 2;
+const IN_PROGRESS: u8 = 5;
 
 const AUTOPILOT: MavlinkAddress = [1, 1];
 const SECOND_AUTOPILOT: MavlinkAddress = [2, 1];
@@ -23,20 +28,6 @@ const GROUND_STATION: MavlinkAddress = [255, 190];
 
 fn attitude_frame(sender: MavlinkAddress, boot_ms: u32) -> Vec<u8> {
     mavlink_attitude(sender, boot_ms, [0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
-}
-
-fn command_frame(
-    sender: MavlinkAddress,
-    target: MavlinkAddress,
-    number: u16,
-    confirmation: u8,
-    parameters: [f32; 4],
-) -> Vec<u8> {
-    let mut payload: Vec<u8> = parameters.iter().flat_map(|parameter| parameter.to_le_bytes()).collect();
-    payload.resize(28, 0);
-    payload.extend(number.to_le_bytes());
-    payload.extend([target[0], target[1], confirmation]);
-    mavlink_v2_frame(sender, 76, 152, &payload)
 }
 
 /// Sent frame; the payload includes truncated zeros.
@@ -113,11 +104,9 @@ impl MavlinkBench {
     fn poll_once(&mut self) -> bool {
         let snapshot = Snapshot {
             now: self.now(),
-            estimate: &self.estimate,
-            settings: &self.settings,
             indicator_state: self.indicator_state,
             calibration: self.calibration.as_ref(),
-            can_node: None,
+            ..test_snapshot(&self.estimate, &self.settings)
         };
         let mut out = TransmitBuffer::default();
         let others = self.free_output_bytes.map_or(0, |room| TRANSMIT_CAPACITY - room);

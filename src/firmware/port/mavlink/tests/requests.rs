@@ -2,10 +2,6 @@
 
 use super::*;
 
-const ACCEPTED: u8 = 0;
-const DENIED: u8 = 2;
-const IN_PROGRESS: u8 = 5;
-
 /// Requests: time, milliseconds, message and rate, Hz. Message 66 is the stream that contains ATTITUDE.
 fn sent_requests(bench: &MavlinkBench) -> Vec<(u64, u32, u32)> {
     let request = |sent: &SentMessage| match sent.message_id {

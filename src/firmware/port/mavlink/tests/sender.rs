@@ -16,7 +16,7 @@ fn nothing_is_sent_before_an_autopilot_s_heartbeat() {
     bench.mavlink.queue_text(&Notice::InstallationRestored);
     bench.receive(&mavlink_heartbeat(GIMBAL, false, false));
     bench.receive(&attitude_frame(GIMBAL, 0));
-    bench.receive(&command_frame(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
+    bench.receive(&mavlink_command(GROUND_STATION, [0, 158], 42_424, 0, [0.0; 4]));
     bench.run_ms(5_000);
     assert_eq!(bench.sent_messages, []);
     bench.receive(&mavlink_heartbeat(AUTOPILOT, true, false));

@@ -3,11 +3,6 @@
 use super::*;
 use autoswing::earth::Date;
 
-/// Decodes hexadecimal digits.
-pub fn bytes_of_hex(hex: &str) -> Vec<u8> {
-    (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
-}
-
 pub fn decode_single(frame: &[u8]) -> InboundMessage {
     let (messages, rejected) = decoded_messages(frame);
     assert_eq!((messages.len(), rejected), (1, 0), "{frame:02X?}");
@@ -22,7 +17,7 @@ const POSITION_FRAMES: [&str; 2] = [
 #[test]
 fn a_position_is_in_degrees_and_metres_above_sea_level() {
     for frame in POSITION_FRAMES {
-        let InboundMessage::Position(SENDER, Some(place)) = decode_single(&bytes_of_hex(frame)) else {
+        let InboundMessage::Position(SENDER, Some(place)) = decode_single(&bytes_from_hex(frame)) else {
             panic!("{frame}")
         };
         // The resolution of degrees in an f32 is a metre.
@@ -59,7 +54,7 @@ fn a_current_is_in_amperes() {
 fn a_date_is_received_in_microseconds_since_1970() {
     let frames = ["fd090000c90c2202000040c227dafe5b0600059bd1", "fe0cc90c220240c227dafe5b060005000000a1b8"];
     for hex in frames {
-        assert_eq!(decode_single(&bytes_of_hex(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
+        assert_eq!(decode_single(&bytes_from_hex(hex)), InboundMessage::Date(SENDER, Date::from_unix_s(1_790_000_000)));
     }
     // No date is decoded from an unset clock or out of range.
     for unix_us in [0, 5_000_000, u64::MAX] {
@@ -85,6 +80,6 @@ fn commands_are_decoded_from_command_long_and_command_int() {
         ("fd230000c90c224b00000000c03f000000c0000040400000804005000000060000000000e040b8a50c9e000101c811", 42424, 0),
         ("fe23c90c224b0000c03f000000c0000040400000804005000000060000000000e040b8a50c9e0001010f92", 42424, 0),
     ] {
-        assert_eq!(decode_single(&bytes_of_hex(hex)), expected(command, confirmation), "{hex}");
+        assert_eq!(decode_single(&bytes_from_hex(hex)), expected(command, confirmation), "{hex}");
     }
 }

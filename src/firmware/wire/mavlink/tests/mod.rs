@@ -11,27 +11,17 @@ use autoswing::frames::RollPitch;
 use autoswing::time::WrappingMillis;
 use autoswing_module::messages::ParameterName;
 use mavlink_dialect::{MavAutopilot, MavParamType};
-use testkit::frames::{mavlink_attitude_payload, mavlink_v1_frame, mavlink_v2_frame, with_mavlink_crc};
+use testkit::frames::{bytes_from_hex, mavlink_attitude_payload, mavlink_v1_frame, mavlink_v2_frame, with_mavlink_crc};
 
 /// Sender of the frames: system 12, component 34.
 const SENDER: SenderId = SenderId::new(12 * 256 + 34);
 
-/// ID, CRC extra byte, and payload lengths in versions 1 and 2 (common.xml).
-const MESSAGES: [(u8, u8, usize, usize); 13] = [
-    (30, 39, 28, 28),
-    (0, 50, 9, 9),
-    (1, 124, 31, 43),
-    (33, 104, 28, 28),
-    (147, 154, 36, 54),
-    (2, 137, 12, 12),
-    (76, 152, 33, 33),
-    (75, 158, 35, 35),
-    (77, 143, 3, 10),
-    (22, 220, 25, 25),
-    (20, 214, 20, 20),
-    (21, 159, 2, 2),
-    (23, 168, 23, 23),
-];
+/// ID, CRC extra byte, and payload lengths in versions 1 and 2, which the dialect's tests compare with the crate mavlink.
+fn supported_messages() -> impl Iterator<Item = (u8, u8, usize, usize)> {
+    SUPPORTED_MESSAGES
+        .iter()
+        .map(|message| (message.message_id as u8, message.extra_crc, message.payload_length, message.extended_length))
+}
 
 fn v1_frame(id: u8, extra: u8, payload: &[u8]) -> Vec<u8> {
     mavlink_v1_frame([12, 34], id, extra, payload)
@@ -137,7 +127,7 @@ fn a_heartbeat_contains_autopilot_kind_and_armed_state() {
 /// Version 2 truncates zeros, to one byte at least. A payload of another length is that of another message.
 #[test]
 fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
-    for (id, extra, v1_length, v2_length) in MESSAGES {
+    for (id, extra, v1_length, v2_length) in supported_messages() {
         let whole = vec![1; v2_length + 1];
         for length in 1..=v2_length {
             let zero_filled = [&whole[..length], &vec![0; v2_length - length]].concat();
@@ -157,7 +147,7 @@ fn version_2_payloads_may_be_truncated_and_version_1_may_not() {
 /// Each bit of the CRC, and the extra byte, which separates messages with equal layouts.
 #[test]
 fn a_wrong_crc_is_rejected_and_counted() {
-    for (id, extra, length, _) in MESSAGES {
+    for (id, extra, length, _) in supported_messages() {
         for frame in [v1_frame, v2_frame].map(|frame| frame(id, extra, &vec![1; length])) {
             let (checked, _) = frame.split_at(frame.len() - 2);
             for bit in 0..16 {

@@ -1,6 +1,5 @@
 //! Sent frames, byte for byte as pymavlink (2.4.50, dialect ardupilotmega) writes them.
 
-use super::inbound::bytes_of_hex;
 use super::*;
 use autoswing::time::Timestamp;
 use mavlink_dialect::{MavResult, MavSeverity, MavState};
@@ -9,7 +8,7 @@ const OWN_ADDRESS: Address = Address { system_id: 7, component_id: 158 };
 pub const AUTOPILOT: Address = Address { system_id: 7, component_id: 1 };
 
 pub fn assert_encoded(message: OutboundMessage, hex: &str) {
-    assert_eq!(message.into_frame(OWN_ADDRESS, 201, &mut Signatures::default())[..], bytes_of_hex(hex)[..]);
+    assert_eq!(message.into_frame(OWN_ADDRESS, 201, &mut Signatures::default())[..], bytes_from_hex(hex)[..]);
 }
 
 /// Zeros at the end of a payload are cut off, to one byte at least.

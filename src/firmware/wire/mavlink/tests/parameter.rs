@@ -1,6 +1,6 @@
 //! Parameters, in frames made by pymavlink (2.4.50).
 
-use super::inbound::{bytes_of_hex, decode_single};
+use super::inbound::decode_single;
 use super::outbound::{AUTOPILOT, assert_encoded};
 use super::*;
 use crate::wire::mavlink::parameter::parameter_bits;
@@ -15,7 +15,7 @@ fn a_parameter_has_a_name_of_up_to_16_bytes() {
         "fd190000050c221600008081be47b0044d00434f4d504153535f4445565f4944320006263c",
         "fe19000c22168081be47b0044d00434f4d504153535f4445565f49443200066cec",
     ] {
-        let InboundMessage::Parameter(SENDER, parameter) = decode_single(&bytes_of_hex(frame)) else {
+        let InboundMessage::Parameter(SENDER, parameter) = decode_single(&bytes_from_hex(frame)) else {
             panic!("{frame}")
         };
         assert_eq!(parameter.name, ParameterName::new("COMPASS_DEV_ID2"));
