@@ -116,7 +116,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             if let (Command::Autopilot(action), true) = (command, reply.is_ok()) {
                 links.pass_autopilot_action(action);
             }
-            links.send_reply(source, command, reply).await;
+            links.send_reply(source, command, reply);
         }
     }
 }

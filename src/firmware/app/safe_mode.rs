@@ -63,7 +63,7 @@ pub async fn run_safe_mode<F: NorFlash, const PORTS: usize>(
                         .map_err(Refusal::Store),
                     _ => Err(Refusal::SafeMode),
                 };
-                links.send_reply(source, command, reply).await;
+                links.send_reply(source, command, reply);
             }
             Either::Second(()) => {
                 watchdog.feed();

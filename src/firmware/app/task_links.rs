@@ -239,9 +239,10 @@ impl TaskLinks {
     }
 
     /// Replies to the source of a command.
-    pub(super) async fn send_reply(&self, source: CommandSource, command: Command, reply: Result<Reply, Refusal>) {
+    pub(super) fn send_reply(&self, source: CommandSource, command: Command, reply: Result<Reply, Refusal>) {
         match source {
-            CommandSource::Console => self.replies.send(reply).await,
+            // There is room: the console waits for each reply.
+            CommandSource::Console => drop(self.replies.try_send(reply)),
             CommandSource::Line(line) => {
                 self.links_of_line(line).command_results.signal((command, reply.map(|_| ())));
             }
