@@ -19,10 +19,6 @@ const MIN_TURN_RATE_RAD_S: f32 = 0.08;
 /// many headings are bad after hard iron has changed by 5 uT within 4 to 60 s.
 const SIGNIFICANCE_SIGMAS: f32 = 1.5;
 
-/// Time in which that square halves, seconds: the longer nothing has confirmed the offset, the smaller a change that hard iron may
-/// cause. Without it, twice as many headings are bad after hard iron has changed, a third more after a mount has turned.
-const SIGNIFICANCE_HALVING_TIME_S: f32 = 60.0;
-
 /// Ratio of variances from which an estimate without a change replaces the known offset: half the sigma.
 const LEARNT_VARIANCE_RATIO: f32 = 0.25;
 
@@ -38,8 +34,6 @@ pub(super) struct GyroOffsetEstimate {
 pub(super) struct HeadingDrift {
     mean_heading_rate_rad_s: f32,
     known_offset: GyroOffsetEstimate,
-    /// Time since the offset was known, seconds.
-    known_for_s: f32,
     drift_rad: f32,
 }
 
@@ -47,7 +41,6 @@ impl HeadingDrift {
     pub const NO_DRIFT: Self = Self {
         mean_heading_rate_rad_s: 0.0,
         known_offset: GyroOffsetEstimate { offset_rad_s: 0.0, variance: square(GYRO_OFFSET_SIGMA_RAD_S) },
-        known_for_s: 0.0,
         drift_rad: 0.0,
     };
 
@@ -56,25 +49,19 @@ impl HeadingDrift {
         let part = step_s / (MEAN_RATE_TIME_CONSTANT_S + step_s);
         self.mean_heading_rate_rad_s += part * (heading_rate_rad_s - self.mean_heading_rate_rad_s);
         let change_rad_s = offset.offset_rad_s - self.known_offset.offset_rad_s;
-        self.known_for_s += step_s;
-        let usual_square = square(SIGNIFICANCE_SIGMAS) * self.known_offset.variance
-            / (1.0 + self.known_for_s / SIGNIFICANCE_HALVING_TIME_S);
+        let usual_square = square(SIGNIFICANCE_SIGMAS) * self.known_offset.variance;
         // After a turn its mean rate lasts for seconds, in which the offset is no longer observable.
         if self.is_turning() && heading_rate_rad_s.abs() > MIN_TURN_RATE_RAD_S {
-            self.learn_offset(offset);
+            self.known_offset = offset;
             self.drift_rad -= part * self.drift_rad;
         } else if offset.variance < LEARNT_VARIANCE_RATIO * self.known_offset.variance
             && square(change_rad_s) < usual_square
         {
-            self.learn_offset(offset);
+            self.known_offset = offset;
         } else {
             let is_changed = square(change_rad_s) / (square(change_rad_s) + usual_square + f32::MIN_POSITIVE);
             self.drift_rad += is_changed * change_rad_s * step_s;
         }
-    }
-
-    const fn learn_offset(&mut self, offset: GyroOffsetEstimate) {
-        (self.known_offset, self.known_for_s) = (offset, 0.0);
     }
 
     /// Whether the mean heading rate of the last seconds is that of a turn.
@@ -97,19 +84,6 @@ mod tests {
     fn update_for_seconds(drift: &mut HeadingDrift, offset_rad_s: f32, heading_rate_rad_s: f32, seconds: u16) {
         let offset = GyroOffsetEstimate { offset_rad_s, variance: square(SIGMA_RAD_S) };
         (0..10 * seconds).for_each(|_| drift.update_drift(offset, heading_rate_rad_s, 0.1));
-    }
-
-    /// A change of 1 sigma for 20 s: at 26 s after a turn `1 / (1 + 1.5^2 / (1 + 26 / 60))` of it counts, after ten minutes more.
-    #[test]
-    fn a_change_counts_more_the_longer_the_offset_was_known() {
-        for (known_for_s, share) in [(1, 0.39), (600, 0.83)] {
-            let mut drift = HeadingDrift::NO_DRIFT;
-            update_for_seconds(&mut drift, 0.0, 0.2, 30);
-            update_for_seconds(&mut drift, 0.0, 0.0, 15 + known_for_s);
-            update_for_seconds(&mut drift, SIGMA_RAD_S, 0.0, 20);
-            let found = drift.drift_rad / (20.0 * SIGMA_RAD_S);
-            assert!((found - share).abs() < 0.02, "{known_for_s}: {found}");
-        }
     }
 
     /// Five time constants reduce the drift to less than a hundredth. Gusts of a second are no turn, and what the
