@@ -121,7 +121,7 @@ fn a_fault_of_a_source_withholds_the_heading_or_is_not_seen_in_it() {
         // The pause is 12 of 290 s. Until the module's own autopilot returns no heading is sent; the other vehicle's
         // attitude is never used.
         (&["second-vehicle"], 0.0, 8.0, 3.5..=5.0, ""),
-        // A current that the aircraft cannot draw is ignored at once. A forged one that it could draw is ignored when the
+        // A current that the aircraft cannot draw is ignored at once. A forged current that is possible is ignored once the
         // field contradicts it; at most five of 175 s may be without heading.
         (
             &["no-autopilot", "disarm-forged", "current-forged", "current-forged-60"],

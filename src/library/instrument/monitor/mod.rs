@@ -238,12 +238,11 @@ impl Monitor {
         let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_INDICES.contains(&i);
         let noise =
             if is_unsettled { POST_CHANGE_HARD_IRON_NOISE } else { state_noise(i, self.expected_sensor_errors) };
-        let noise_per_s = match i {
-            GYRO_HEADING_OFFSET_INDEX => noise.process_noise_per_s + heading_noise_by_tilt,
-            _ if self.filter.state_variance(i) < square(noise.initial_sigma) => noise.process_noise_per_s,
-            _ => 0.0,
-        };
-        self.filter.inflate_variance(i, noise_per_s * step_s * samples as f32);
+        let is_gyro_heading = i == GYRO_HEADING_OFFSET_INDEX;
+        if is_gyro_heading || self.filter.state_variance(i) < square(noise.initial_sigma) {
+            let by_tilt = if is_gyro_heading { heading_noise_by_tilt } else { 0.0 };
+            self.filter.inflate_variance(i, (noise.process_noise_per_s + by_tilt) * step_s * samples as f32);
+        }
         // Unobservable states must not accumulate a day of noise; a confirmed change of hard iron must persist.
         let decay = (1.0 - step_s / UNOBSERVED_DECAY_TIME_S).max(0.0);
         if measurement_model::hard_iron_change(self.filter.mean()).vector_length() < MAX_DECAYING_HARD_IRON {

@@ -112,9 +112,9 @@ fn unobserved_states_decay_and_detected_changes_persist() {
     }
 }
 
-/// Errors of the reported attitude that last for 0.25 s, one half of the assumed time to each side, turn the gyro's heading as far
-/// as its process noise says: 400 walks of 20 s, whose variance has a standard error of 7 %. In level flight without pitching the
-/// heading does not depend on them.
+/// Errors of the reported attitude with a correlation time of 0.25 s, half of the assumed time, turn the gyro's heading by its
+/// process noise. The variance of 400 walks of 20 s has a standard error of 7 %. In a level turn without pitching the heading does
+/// not depend on the errors.
 #[test]
 fn the_gyro_heading_walks_by_errors_of_the_attitude() {
     const ERROR_STEP_S: f32 = 0.01;
