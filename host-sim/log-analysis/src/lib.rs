@@ -13,6 +13,7 @@
 
 #![warn(clippy::disallowed_methods, clippy::disallowed_types)]
 
+mod least_squares;
 pub mod log;
 pub mod numbers;
 pub mod replay;

@@ -79,15 +79,6 @@ pub fn rms(numbers: impl IntoIterator<Item = f64>) -> f64 {
     mean(numbers.into_iter().map(square)).sqrt()
 }
 
-/// Sums of the products xx, xy and yy of pairs about their means.
-pub fn centred_products(pairs: impl Iterator<Item = [f64; 2]> + Clone) -> [f64; 3] {
-    let means = [0, 1].map(|i| mean(pairs.clone().map(|pair| pair[i])));
-    pairs.fold([0.0; 3], |[xx, xy, yy], pair| {
-        let [x, y] = [pair[0] - means[0], pair[1] - means[1]];
-        [xx + x * x, xy + x * y, yy + y * y]
-    })
-}
-
 /// Quantile of the numbers at a `fraction` of 0 to 1, nearest rank; `None` without numbers.
 pub fn quantile(numbers: impl IntoIterator<Item = f64>, fraction: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = numbers.into_iter().collect();

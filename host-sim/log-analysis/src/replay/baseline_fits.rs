@@ -1,7 +1,8 @@
 //! Baseline calibrations of the same rows: sphere and ellipsoid fits.
 
-use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, SVector, SymmetricEigen, Vector3};
 
+use crate::least_squares::LeastSquares;
 use crate::log::FieldCorrection;
 
 const MIN_ROWS: usize = 20;
@@ -9,30 +10,24 @@ const MIN_ROWS: usize = 20;
 /// Fits a sphere to fields in microtesla by linear least squares of `|m|^2 = 2 c m + k`; returns the correction.
 pub fn fit_sphere(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
     let (scaled, mean, scale) = normalised_points(fields)?;
-    let matrix =
-        DMatrix::from_fn(scaled.len(), 4, |row, column| if column == 3 { 1.0 } else { 2.0 * scaled[row][column] });
-    let squares = DVector::from_fn(scaled.len(), |row, _| scaled[row].norm_squared());
-    let [x, y, z, _] = *solve_least_squares(&matrix, &squares)?.as_slice() else { return None };
-    let centre = Vector3::new(x, y, z);
-    Some(FieldCorrection::without_current(Matrix3::identity(), mean + centre * scale))
+    let mut fit = LeastSquares::new();
+    for point in scaled {
+        fit.add_row(&(point * 2.0).push(1.0), point.norm_squared(), 1.0);
+    }
+    Some(FieldCorrection::without_current(Matrix3::identity(), mean + fit.solve()?.xyz() * scale))
 }
 
 /// Fits an ellipsoid to fields in microtesla by linear least squares of the quadric `m A m + 2 b m = 1`; returns the
 /// symmetric correction to a sphere of equal volume, or none for another quadric.
 pub fn fit_ellipsoid(fields: &[Vector3<f64>]) -> Option<FieldCorrection> {
     let (scaled, mean, scale) = normalised_points(fields)?;
-    let matrix = DMatrix::from_fn(scaled.len(), 9, |row, column| {
-        let point = scaled[row];
-        match column {
-            0..3 => point[column] * point[column],
-            3 => 2.0 * point.x * point.y,
-            4 => 2.0 * point.x * point.z,
-            5 => 2.0 * point.y * point.z,
-            _ => 2.0 * point[column - 6],
-        }
-    });
-    let ones = DVector::repeat(scaled.len(), 1.0);
-    let [xx, yy, zz, xy, xz, yz, x, y, z] = *solve_least_squares(&matrix, &ones)?.as_slice() else { return None };
+    let mut fit = LeastSquares::new();
+    for point in scaled {
+        let [x, y, z] = point.into();
+        let terms = [x * x, y * y, z * z, 2.0 * x * y, 2.0 * x * z, 2.0 * y * z, 2.0 * x, 2.0 * y, 2.0 * z];
+        fit.add_row(&SVector::from(terms), 1.0, 1.0);
+    }
+    let [xx, yy, zz, xy, xz, yz, x, y, z] = fit.solve()?.into();
     let quadric = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     let linear = Vector3::new(x, y, z);
     let centre = -(quadric.try_inverse()? * linear);
@@ -55,11 +50,6 @@ fn normalised_points(fields: &[Vector3<f64>]) -> Option<(Vec<Vector3<f64>>, Vect
     let mean = fields.iter().sum::<Vector3<f64>>() / fields.len() as f64;
     let scale = (fields.iter().map(|field| (field - mean).norm_squared()).sum::<f64>() / fields.len() as f64).sqrt();
     (scale > 1e-6).then(|| (fields.iter().map(|field| (field - mean) / scale).collect(), mean, scale))
-}
-
-fn solve_least_squares(matrix: &DMatrix<f64>, right_side: &DVector<f64>) -> Option<DVector<f64>> {
-    let normal = matrix.transpose() * matrix;
-    normal.cholesky().map(|cholesky| cholesky.solve(&(matrix.transpose() * right_side)))
 }
 
 #[cfg(test)]

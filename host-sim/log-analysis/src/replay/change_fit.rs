@@ -8,6 +8,7 @@
 
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
+use crate::least_squares::LeastSquares;
 use crate::log::FieldCorrection;
 use crate::numbers::{SIGMAS_PER_MEDIAN, median, square};
 use crate::replay::row::ReplayRow;
@@ -183,16 +184,16 @@ impl ChangeFit {
     /// The estimate with the gains and the offset that restore the vertical component of the changed rows, which is
     /// linear in the gains and in the product of gain and offset; none without a solution.
     pub fn with_linear_change(&self, rows: &[FitRow]) -> Option<Self> {
-        let (mut normal, mut right_side) = (SMatrix::<f64, 6, 6>::identity(), SVector::<f64, 6>::zeros());
-        right_side.fixed_rows_mut::<3>(0).fill(1.0);
+        let mut fit = LeastSquares::with_prior_sigmas([1.0; 6]);
+        // Gains are about one.
+        fit.right_side.fixed_rows_mut::<3>(0).fill(1.0);
         for row in rows.iter().filter(|row| row.is_changed) {
             let by_raw = self.correction.matrix.transpose() * row.down;
             let iron_ut = self.correction.hard_iron_ut + self.correction.motor_ut_per_a * row.current_a;
             let derivatives = SVector::from_fn(|i, _| if i < 3 { by_raw[i] * row.raw_ut[i] } else { -by_raw[i - 3] });
-            normal.ger(1.0, &derivatives, &derivatives, 1.0);
-            right_side.axpy(self.vertical_ut + by_raw.dot(&iron_ut), &derivatives, 1.0);
+            fit.add_row(&derivatives, self.vertical_ut + by_raw.dot(&iron_ut), 1.0);
         }
-        let solved = normal.cholesky()?.solve(&right_side);
+        let solved = fit.solve()?;
         let (gain, product_ut) = (solved.fixed_rows::<3>(0).into_owned(), solved.fixed_rows::<3>(3).into_owned());
         gain.iter().all(|axis| axis.abs() > 1e-3).then(|| self.with_change(gain, product_ut.component_div(&gain)))
     }

@@ -12,7 +12,7 @@ mod regression;
 
 pub use finding::{BendingCause, BendingLoad};
 
-use nalgebra::Vector3;
+use nalgebra::{DVector, Vector3};
 
 use candidates::{LoadCandidate, load_candidates, load_name, motion_candidates};
 use periodic::{corrected_sigmas, find_line};
@@ -21,7 +21,7 @@ use regression::{LoadFit, ResidualModel};
 use super::hard_iron_changes::{LoggedHardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 use super::row::ReplayRow;
 use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
-use crate::numbers::{centred_products, thinned};
+use crate::numbers::{mean, square, thinned};
 
 /// Largest number of rows of the regression; more are thinned.
 const MAX_ROWS: usize = 5000;
@@ -114,8 +114,9 @@ fn find_logged_load(
 }
 
 fn squared_correlation(one: &[f64], other: &[f64]) -> f64 {
-    let [xx, xy, yy] = centred_products(one.iter().zip(other).map(|(x, y)| [*x, *y]));
-    xy * xy / (xx * yy)
+    let [one, other] =
+        [one, other].map(|values| DVector::from_column_slice(values).add_scalar(-mean(values.iter().copied())));
+    square(one.dot(&other)) / (one.norm_squared() * other.norm_squared())
 }
 
 /// Fit of a load with the residuals clipped around it, and its model.

@@ -6,8 +6,9 @@
 //! receiver's unknown latency does not matter in straight flight.
 
 use autoswing::frames::wrap_pi;
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
+use crate::least_squares::LeastSquares;
 use crate::log::time_series::Series;
 use crate::log::{Gps, HeadingIntegral, LoggedFlight};
 use crate::numbers::{SIGMAS_PER_MEDIAN, median, rms, square, thinned};
@@ -310,14 +311,12 @@ impl VelocityCircle {
     fn initial_fit(velocities: &[GroundVelocity]) -> Option<Self> {
         let mean =
             velocities.iter().map(|velocity| velocity.velocity_m_s).sum::<Vector2<f64>>() / velocities.len() as f64;
-        let (mut normal, mut right_side) = (Matrix3::zeros(), Vector3::zeros());
+        let mut fit = LeastSquares::new();
         for velocity in velocities {
             let from = velocity.velocity_m_s - mean;
-            let row = Vector3::new(2.0 * from.x, 2.0 * from.y, 1.0);
-            normal += row * row.transpose();
-            right_side += row * from.norm_squared();
+            fit.add_row(&Vector3::new(2.0 * from.x, 2.0 * from.y, 1.0), from.norm_squared(), 1.0);
         }
-        let centre_and_constant = normal.cholesky()?.solve(&right_side);
+        let centre_and_constant = fit.solve()?;
         let centre = centre_and_constant.xy();
         Some(Self {
             wind_m_s: mean + centre,
@@ -334,16 +333,14 @@ impl VelocityCircle {
         let scale = median(velocities.iter().map(|velocity| self.radial_residual_m_s(velocity).abs()))
             .max(MIN_SCALE_M_S)
             * TUKEY_CUTOFF_PER_MAD;
-        let (mut normal, mut right_side) = (Matrix3::zeros(), Vector3::zeros());
+        let mut fit = LeastSquares::new();
         for velocity in velocities {
             let residual = self.radial_residual_m_s(velocity);
             let weight = square((1.0 - square(residual / scale)).max(0.0));
             let outward = (velocity.velocity_m_s - self.wind_m_s).normalize();
-            let row = Vector3::new(outward.x, outward.y, 1.0);
-            normal += row * row.transpose() * weight;
-            right_side += row * (residual * weight);
+            fit.add_row(&Vector3::new(outward.x, outward.y, 1.0), residual, weight);
         }
-        let step = normal.cholesky()?.solve(&right_side);
+        let step = fit.solve()?;
         Some(Self { wind_m_s: self.wind_m_s + step.xy(), radius_m_s: self.radius_m_s + step.z })
     }
 

@@ -1,8 +1,9 @@
 //! Whether the heading jumped with a change of hard iron, by a reference or by the turn of the body rates: on a single
 //! heading, strength and inclination leave the horizontal part of a change free along a circle.
 
-use nalgebra::{Matrix5, Vector3, Vector5};
+use nalgebra::{Vector3, Vector5};
 
+use crate::least_squares::LeastSquares;
 use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::flown_headings::{HeadingSectors, yaw_sectors};
@@ -78,14 +79,12 @@ struct Difference {
 fn jump_fraction(differences: &[Difference]) -> Option<f64> {
     let first_deg = differences.first()?.deg;
     let weight = 10.0 / differences.len() as f64;
-    let [by_offset, by_deviation] = [RATE_OFFSET_DEG_S, DEVIATION_DEG].map(|sigma| square(sigma).recip());
-    let mut normal = Matrix5::from_diagonal(&Vector5::new(0.0, by_offset, by_deviation, by_deviation, 0.0));
-    let mut side = Vector5::zeros();
+    let prior_sigmas = [f64::INFINITY, RATE_OFFSET_DEG_S, DEVIATION_DEG, DEVIATION_DEG, f64::INFINITY];
+    let mut fit = LeastSquares::with_prior_sigmas(prior_sigmas);
     for row in differences {
         let (sin, cos) = libm::sincos(row.heading_deg.to_radians());
         let by_unknowns = Vector5::new(1.0, row.t_s, sin, cos, row.jump_deg);
-        normal += by_unknowns * by_unknowns.transpose() * weight;
-        side += by_unknowns * (wrap_180(row.deg - first_deg) * weight);
+        fit.add_row(&by_unknowns, wrap_180(row.deg - first_deg), weight);
     }
-    Some((normal.try_inverse()? * side)[4])
+    Some(fit.solve()?[4])
 }

@@ -5,8 +5,9 @@
 //! scale error `k`, and the deviation `d`, three harmonics of the heading. All are estimated by least squares with
 //! priors; the error of the heading is `e - b t - k g` about its mean in the window.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
+use crate::least_squares::LeastSquares;
 use crate::log::{HeadingIntegral, LoggedFlight, MAX_PITCH_RAD};
 use crate::numbers::{mean, square};
 use crate::replay::data_loss::measured_turns;
@@ -30,6 +31,8 @@ const OFFSET_DRIFT_DEG_S: f64 = 0.03;
 
 /// Offset, scale error, and three harmonics of the deviation.
 const SHARED_UNKNOWNS: usize = 8;
+/// These, and the start and the drift of a window.
+const UNKNOWNS: usize = SHARED_UNKNOWNS + 2;
 
 /// The deviation's argument is the true heading, of which the first iteration has only the compass's.
 const ITERATIONS: usize = 3;
@@ -106,11 +109,10 @@ fn fit_windows(windows: Vec<Vec<WindowRow>>) -> Option<Vec<FittedWindow>> {
     };
     let mut fitted: Vec<FittedWindow> = windows.into_iter().map(start).collect();
     for _ in 0..ITERATIONS {
-        let equations: Vec<WindowEquations> =
-            fitted.iter().map(|window| WindowEquations::new(window, weight)).collect();
+        let equations: Vec<_> = fitted.iter().map(|window| window_equations(window, weight)).collect();
         let shared = shared_unknowns(&equations)?;
         for (window, equations) in fitted.iter_mut().zip(&equations) {
-            let [offset_deg, drift_deg_s] = equations.local_unknowns(&shared)?.into();
+            let [offset_deg, drift_deg_s] = local_unknowns(equations, &shared)?.into();
             let error_deg = |row: &WindowRow| {
                 row.difference_deg - offset_deg - (shared[0] + drift_deg_s) * row.t_s - shared[1] * row.turn_deg
             };
@@ -180,57 +182,40 @@ fn window_duration_s(window: &[WindowRow]) -> f64 {
     window.first().zip(window.last()).map_or(0.0, |(first, last)| last.t_s - first.t_s)
 }
 
-/// Normal equations of a window: of the shared unknowns, of its own (start and drift), and of both.
-struct WindowEquations {
-    shared: SMatrix<f64, SHARED_UNKNOWNS, SHARED_UNKNOWNS>,
-    local: SMatrix<f64, 2, 2>,
-    cross: SMatrix<f64, SHARED_UNKNOWNS, 2>,
-    shared_side: SVector<f64, SHARED_UNKNOWNS>,
-    local_side: SVector<f64, 2>,
+/// Equations of a window.
+fn window_equations(window: &FittedWindow, weight: f64) -> LeastSquares<UNKNOWNS> {
+    let mut prior_sigmas = [f64::INFINITY; UNKNOWNS];
+    prior_sigmas[SHARED_UNKNOWNS + 1] = OFFSET_DRIFT_DEG_S;
+    let mut equations = LeastSquares::with_prior_sigmas(prior_sigmas);
+    for row in &window.rows {
+        let heading_rad = (window.start_deg + row.turn_deg).to_radians();
+        let [first, second, third] = [1.0, 2.0, 3.0].map(|harmonic| libm::sincos(harmonic * heading_rad));
+        let ((sin, cos), (sin2, cos2), (sin3, cos3)) = (first, second, third);
+        let derivatives = [row.t_s, row.turn_deg, sin, cos, sin2, cos2, sin3, cos3, 1.0, row.t_s];
+        equations.add_row(&derivatives.into(), row.difference_deg, weight);
+    }
+    equations
 }
 
-impl WindowEquations {
-    fn new(window: &FittedWindow, weight: f64) -> Self {
-        let mut equations = Self {
-            shared: SMatrix::zeros(),
-            local: SMatrix::from_diagonal(&SVector::from([0.0, square(OFFSET_DRIFT_DEG_S).recip()])),
-            cross: SMatrix::zeros(),
-            shared_side: SVector::zeros(),
-            local_side: SVector::zeros(),
-        };
-        for row in &window.rows {
-            let mut by_shared = SVector::<f64, SHARED_UNKNOWNS>::zeros();
-            (by_shared[0], by_shared[1]) = (row.t_s, row.turn_deg);
-            let heading_rad = (window.start_deg + row.turn_deg).to_radians();
-            for harmonic in 1..=3_u8 {
-                let (sin, cos) = libm::sincos(f64::from(harmonic) * heading_rad);
-                let first = 2 * usize::from(harmonic);
-                (by_shared[first], by_shared[first + 1]) = (sin, cos);
-            }
-            let by_local = SVector::from([1.0, row.t_s]);
-            equations.shared.ger(weight, &by_shared, &by_shared, 1.0);
-            equations.local.ger(weight, &by_local, &by_local, 1.0);
-            equations.cross.ger(weight, &by_shared, &by_local, 1.0);
-            equations.shared_side.axpy(weight * row.difference_deg, &by_shared, 1.0);
-            equations.local_side.axpy(weight * row.difference_deg, &by_local, 1.0);
-        }
-        equations
-    }
-
-    /// Start, degrees, and drift, deg/s, of the window.
-    fn local_unknowns(&self, shared: &SVector<f64, SHARED_UNKNOWNS>) -> Option<SVector<f64, 2>> {
-        Some(self.local.try_inverse()? * (self.local_side - self.cross.transpose() * shared))
-    }
+/// Start, degrees, and drift, deg/s, of a window.
+fn local_unknowns(
+    LeastSquares { normal, right_side, .. }: &LeastSquares<UNKNOWNS>,
+    shared: &SVector<f64, SHARED_UNKNOWNS>,
+) -> Option<SVector<f64, 2>> {
+    let local_inverse = normal.fixed_view::<2, 2>(SHARED_UNKNOWNS, SHARED_UNKNOWNS).try_inverse()?;
+    let by_shared = normal.fixed_view::<2, SHARED_UNKNOWNS>(SHARED_UNKNOWNS, 0) * shared;
+    Some(local_inverse * (right_side.fixed_rows::<2>(SHARED_UNKNOWNS) - by_shared))
 }
 
 /// Shared unknowns, after elimination of the windows' own.
-fn shared_unknowns(windows: &[WindowEquations]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
-    let mut normal = SMatrix::from_diagonal(&SVector::from(PRIOR_SIGMAS.map(|sigma| square(sigma).recip())));
-    let mut side = SVector::zeros();
-    for window in windows {
-        let eliminated = window.cross * window.local.try_inverse()?;
-        normal += window.shared - eliminated * window.cross.transpose();
-        side += window.shared_side - eliminated * window.local_side;
+fn shared_unknowns(windows: &[LeastSquares<UNKNOWNS>]) -> Option<SVector<f64, SHARED_UNKNOWNS>> {
+    let mut all = LeastSquares::with_prior_sigmas(PRIOR_SIGMAS);
+    for LeastSquares { normal, right_side, .. } in windows {
+        let cross = normal.fixed_view::<SHARED_UNKNOWNS, 2>(0, SHARED_UNKNOWNS);
+        let eliminated = cross * normal.fixed_view::<2, 2>(SHARED_UNKNOWNS, SHARED_UNKNOWNS).try_inverse()?;
+        all.normal += normal.fixed_view::<SHARED_UNKNOWNS, SHARED_UNKNOWNS>(0, 0) - eliminated * cross.transpose();
+        let local_side = right_side.fixed_rows::<2>(SHARED_UNKNOWNS);
+        all.right_side += right_side.fixed_rows::<SHARED_UNKNOWNS>(0) - eliminated * local_side;
     }
-    Some(normal.cholesky()?.solve(&side))
+    all.solve()
 }

@@ -5,11 +5,12 @@
 //! fit to the field as read is compared with fits to its mirror images.
 
 use autoswing::frames::{RollPitch, wrap_pi};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector1, Vector2, Vector3};
 
 use super::check::CheckOutcome;
+use crate::least_squares::LeastSquares;
 use crate::log::{FieldCorrection, LoggedFlight};
-use crate::numbers::{centred_products, mean};
+use crate::numbers::mean;
 use crate::replay::evaluation::FlightEvaluation;
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::{ReplayRow, heading_deg};
@@ -31,7 +32,7 @@ const MAX_FRACTION_SIGMA: f64 = 0.15;
 const OVERLAPPING_TURNS: f64 = 20.0;
 
 /// Minimum number of turns.
-const MIN_TURN_COUNT: usize = 20;
+const MIN_TURN_COUNT: usize = 21;
 
 /// Ratio of the residuals of two fits at which the better one is the right one.
 const MIN_RESIDUAL_RATIO: f64 = 1.6;
@@ -194,7 +195,7 @@ fn fit_residual_deg(rows: &[ReplayRow], field_signs: [f64; 3]) -> f64 {
 /// `g_i`, across axis `i`, is the part of a remaining hard iron.
 fn turn_fractions(rows: &[ReplayRow], correction: Option<&FieldCorrection>, rate_signs: [f32; 3]) -> [Option<f64>; 3] {
     let fields = corrected_fields(rows, correction);
-    let mut fit = TurnFit::<9>::default();
+    let mut fit = LeastSquares::<9>::new();
     for turn in measured_turns(rows, &fields, rate_signs) {
         let mut columns = SMatrix::<f64, 3, 9>::zeros();
         for axis in 0..3 {
@@ -203,13 +204,22 @@ fn turn_fractions(rows: &[ReplayRow], correction: Option<&FieldCorrection>, rate
             columns[(next, 3 + 2 * axis)] = turn.rate[axis];
             columns[(after, 4 + 2 * axis)] = turn.rate[axis];
         }
-        fit.add_turn(&columns, turn.change);
+        add_turn(&mut fit, &columns, turn.change);
     }
-    let Some(solved) = fit.solve() else { return [None; 3] };
-    std::array::from_fn(|axis| {
-        let [fraction, sigma] = solved[axis];
-        (sigma < MAX_FRACTION_SIGMA).then_some(fraction)
-    })
+    let Some(solved) = fit.solve_with_sigmas(3 * MIN_TURN_COUNT, OVERLAPPING_TURNS) else { return [None; 3] };
+    std::array::from_fn(|axis| if_certain(solved[axis]))
+}
+
+/// A fraction with its standard deviation, if that is at most [`MAX_FRACTION_SIGMA`].
+fn if_certain([fraction, sigma]: [f64; 2]) -> Option<f64> {
+    (sigma < MAX_FRACTION_SIGMA).then_some(fraction)
+}
+
+/// Adds the change of the field in a turn, and its derivatives by the unknowns.
+fn add_turn<const N: usize>(fit: &mut LeastSquares<N>, derivatives: &SMatrix<f64, 3, N>, change: Vector3<f64>) {
+    for (axis, row) in derivatives.row_iter().enumerate() {
+        fit.add_row(&row.transpose(), change[axis], 1.0);
+    }
 }
 
 /// A turn of the body: mean rates, rad/s, mean field, microtesla, and change of the field, uT/s.
@@ -236,38 +246,6 @@ fn measured_turns<'a>(
     })
 }
 
-/// Least squares of changes of the field in turns.
-struct TurnFit<const UNKNOWNS: usize> {
-    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    right_side: SVector<f64, UNKNOWNS>,
-    squares: f64,
-    turn_count: usize,
-}
-
-impl<const UNKNOWNS: usize> Default for TurnFit<UNKNOWNS> {
-    fn default() -> Self {
-        Self { normal: SMatrix::zeros(), right_side: SVector::zeros(), squares: 0.0, turn_count: 0 }
-    }
-}
-
-impl<const UNKNOWNS: usize> TurnFit<UNKNOWNS> {
-    fn add_turn(&mut self, columns: &SMatrix<f64, 3, UNKNOWNS>, change: Vector3<f64>) {
-        self.normal += columns.transpose() * columns;
-        self.right_side += columns.transpose() * change;
-        self.squares += change.norm_squared();
-        self.turn_count += 1;
-    }
-
-    /// The unknowns with their standard deviations; none from too few turns.
-    fn solve(self) -> Option<[[f64; 2]; UNKNOWNS]> {
-        let inverse = self.normal.try_inverse().filter(|_| self.turn_count > MIN_TURN_COUNT)?;
-        let solved = inverse * self.right_side;
-        let residual_squares = (self.squares - solved.dot(&self.right_side)).max(0.0);
-        let variance = residual_squares / (3.0 * self.turn_count as f64) * OVERLAPPING_TURNS;
-        Some(std::array::from_fn(|i| [solved[i], (inverse[(i, i)] * variance).sqrt()]))
-    }
-}
-
 /// Angle about z from the axes of the corrected field to those of the body rates, degrees; none if rolls and pitches do not
 /// determine it to 5 deg. A field `h`, turned by a small `d` from its true axes, changes by `dh/dt = h x w + h x (w x d)`; a
 /// remaining hard iron `b` adds `w x b`.
@@ -275,7 +253,7 @@ pub fn misalignment_about_z_deg(rows: &[ReplayRow], correction: &FieldCorrection
     /// Half of the angle that is looked for.
     const MAX_SIGMA_DEG: f64 = 5.0;
     let fields = corrected_fields(rows, Some(correction));
-    let mut fit = TurnFit::<6>::default();
+    let mut fit = LeastSquares::<6>::new();
     for turn in measured_turns(rows, &fields, [1.0; 3]) {
         let mut columns = SMatrix::<f64, 3, 6>::zeros();
         for axis in 0..3 {
@@ -283,9 +261,10 @@ pub fn misalignment_about_z_deg(rows: &[ReplayRow], correction: &FieldCorrection
             columns.set_column(axis, &turn.field.cross(&across));
             columns.set_column(3 + axis, &across);
         }
-        fit.add_turn(&columns, turn.change - turn.field.cross(&turn.rate));
+        add_turn(&mut fit, &columns, turn.change - turn.field.cross(&turn.rate));
     }
-    let [angle_deg, sigma_deg] = fit.solve()?[2].map(f64::to_degrees);
+    let solved = fit.solve_with_sigmas(3 * MIN_TURN_COUNT, OVERLAPPING_TURNS)?;
+    let [angle_deg, sigma_deg] = solved[2].map(f64::to_degrees);
     (sigma_deg <= MAX_SIGMA_DEG).then_some(angle_deg)
 }
 
@@ -297,17 +276,19 @@ fn tilt_fractions(rows: &[ReplayRow], angle_signs: [f32; 2], rate_signs: [f32; 3
         pitch_rad: row.attitude.pitch_rad * angle_signs[1],
     };
     let rates = |row: &ReplayRow| Some(tilt_rates_rad_s(tilt(row), signed_rates(row.rates_rad_s?, rate_signs)));
-    let mut changes: [Vec<[f64; 2]>; 2] = Default::default();
+    // The fraction, and the offset.
+    let mut fits = [LeastSquares::<2>::new(); 2];
     for (first, last) in turns(rows) {
         let Some(by_rates) = rows[first..=last].iter().map(rates).collect::<Option<Vec<_>>>() else { continue };
         let (from, to) = (tilt(&rows[first]), tilt(&rows[last]));
         let change_rad = [wrap_pi(to.roll_rad - from.roll_rad), to.pitch_rad - from.pitch_rad];
         for angle in 0..2 {
             let mean = mean(by_rates.iter().map(|rates| rates[angle]));
-            changes[angle].push([mean, f64::from(change_rad[angle]) / (rows[last].t_s - rows[first].t_s)]);
+            let rate = f64::from(change_rad[angle]) / (rows[last].t_s - rows[first].t_s);
+            fits[angle].add_row(&Vector2::new(mean, 1.0), rate, 1.0);
         }
     }
-    changes.map(|changes| slope_if_certain(&changes))
+    fits.map(|fit| if_certain(fit.solve_with_sigmas(MIN_TURN_COUNT, OVERLAPPING_TURNS)?[0]))
 }
 
 /// Body rates with these signs, rad/s.
@@ -323,28 +304,19 @@ fn tilt_rates_rad_s(tilt: RollPitch, body_rates: Vector3<f64>) -> [f64; 2] {
     [p + (q * sin_roll + r * cos_roll) * tan_pitch, q * cos_roll - r * sin_roll]
 }
 
-/// Slope of the pairs' second numbers by the first ones, if its standard deviation is at most [`MAX_FRACTION_SIGMA`].
-fn slope_if_certain(pairs: &[[f64; 2]]) -> Option<f64> {
-    let [xx, xy, yy] = centred_products(pairs.iter().copied());
-    let slope = xy / xx;
-    let variance = (yy - slope * xy).max(0.0) / pairs.len() as f64 * OVERLAPPING_TURNS / xx;
-    (pairs.len() > MIN_TURN_COUNT && variance.sqrt() < MAX_FRACTION_SIGMA).then_some(slope)
-}
-
 /// Turn of the heading as a fraction of the turn of the reference; none if it hardly turned.
 fn turn_fraction_by_reference(rows: &[ReplayRow], correction: Option<&FieldCorrection>) -> Option<f64> {
     /// Sum of the squared turns, square degrees: two hundred of a second at 6 deg/s.
     const MIN_TURNS_DEG2: f64 = 200.0 * 36.0;
     let fields = corrected_fields(rows, correction);
     let heading_deg = |index: usize| heading_deg(&rows[index], fields[index]);
-    let [mut products, mut squares] = [0.0; 2];
+    let mut fit = LeastSquares::<1>::new();
     for (first, last) in turns(rows) {
         let (Some(from_deg), Some(to_deg)) = (rows[first].reference_deg, rows[last].reference_deg) else { continue };
-        let turn_deg = wrap_180(to_deg - from_deg);
-        products += turn_deg * wrap_180(heading_deg(last) - heading_deg(first));
-        squares += turn_deg * turn_deg;
+        let turn = Vector1::new(wrap_180(to_deg - from_deg));
+        fit.add_row(&turn, wrap_180(heading_deg(last) - heading_deg(first)), 1.0);
     }
-    (squares > MIN_TURNS_DEG2).then(|| products / squares)
+    fit.solve().filter(|_| fit.normal.x > MIN_TURNS_DEG2).map(|fraction| fraction.x)
 }
 
 /// First and last row of each time of [`TURN_TIME_S`].
