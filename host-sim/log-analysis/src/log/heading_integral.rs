@@ -3,7 +3,7 @@
 use autoswing::frames::wrap_pi;
 
 use super::flight::{Gps, LoggedFlight};
-use super::time_series::Series;
+use super::time_series::{Series, pairs_apart};
 use crate::numbers::{mean, square};
 
 /// Longest gap of attitude that is interpolated, seconds.
@@ -81,8 +81,9 @@ const MAX_HEADING_GAP_S: f64 = 0.5;
 const SEARCHED_S: [f64; 2] = [-0.3, 1.0];
 const SEARCH_STEP_S: f64 = 0.02;
 
-/// Time over which turns are compared, seconds: the gyro's offset adds little, and errors of the heading half.
-const TURN_TIME_S: f64 = 3.0;
+/// Shortest and longest time over which turns are compared, seconds: the gyro's offset adds little, and errors of the
+/// heading half.
+const TURN_TIME_S: [f64; 2] = [3.0, 6.0];
 
 /// Fewest turns that are compared.
 const MIN_TURNS: usize = 100;
@@ -137,7 +138,7 @@ fn heading_latency_s(heading: &Series<1>, integral: &HeadingIntegral) -> Option<
     let curvature = before - 2.0 * least + after;
     let latency_s = best_s + SEARCH_STEP_S * (before - after) / (2.0 * curvature);
     // Turns that overlap share errors.
-    let independent = turns.len() as f64 * heading.median_step_s()? / TURN_TIME_S;
+    let independent = turns.len() as f64 * heading.median_step_s()? / TURN_TIME_S[0];
     let sigma_s = SEARCH_STEP_S * (2.0 * least / (curvature * independent)).sqrt();
     let is_certain = sigma_s < MAX_SIGMA_S && latency_s.abs() > MIN_LATENCY_S.max(MIN_LATENCY_SIGMAS * sigma_s);
     (is_certain && least < square(MAX_DIFFERENCE_RAD)).then_some(latency_s)
@@ -146,16 +147,11 @@ fn heading_latency_s(heading: &Series<1>, integral: &HeadingIntegral) -> Option<
 /// Start and end of each turn, seconds, and its angle, radians.
 fn turns(heading: &Series<1>) -> Vec<([f64; 2], f64)> {
     let rows = heading.rows();
-    let mut last = 0;
-    let mut turns = Vec::new();
-    for first in rows {
-        while last < rows.len() && rows[last].t_s - first.t_s < TURN_TIME_S {
-            last += 1;
-        }
-        let Some(row) = rows.get(last).filter(|row| row.t_s - first.t_s < 2.0 * TURN_TIME_S) else { continue };
-        turns.push(([first.t_s, row.t_s], f64::from(row.row_values[0]) - f64::from(first.row_values[0])));
-    }
-    turns
+    let turn = |(first, last): (usize, usize)| {
+        let turn_rad = f64::from(rows[last].row_values[0]) - f64::from(rows[first].row_values[0]);
+        ([rows[first].t_s, rows[last].t_s], turn_rad)
+    };
+    pairs_apart(rows, |row| row.t_s, TURN_TIME_S).map(turn).collect()
 }
 
 /// Mean square of the difference between turns and those of the body rates a latency earlier, each clipped at three

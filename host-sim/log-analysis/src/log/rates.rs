@@ -1,6 +1,7 @@
 //! Body rates of a flight: as logged, repaired by the attitude, or differences of the attitude.
 
-use autoswing::frames::wrap_pi;
+use autoswing::attitude::EulerRates;
+use autoswing::frames::{RollPitch, wrap_pi};
 
 use super::flight::{LoggedFlight, RatesProblem};
 use super::time_series::{Series, TimedRow};
@@ -101,17 +102,13 @@ fn attitude_differences(attitude: &Series<3>) -> Vec<TimedRow<3>> {
     let rate_at = |three: &[TimedRow<3>]| {
         let [before, at, after] = three else { return None };
         let span_s = after.t_s - before.t_s;
-        let [roll, pitch, yaw]: [f32; 3] =
+        let [roll_rad_s, pitch_rad_s, yaw_rad_s] =
             std::array::from_fn(|i| wrap_pi(after.row_values[i] - before.row_values[i]) / span_s as f32);
-        let yaw = if yaw.is_finite() { yaw } else { 0.0 };
-        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) =
-            (libm::sincosf(at.row_values[0]), libm::sincosf(at.row_values[1]));
-        let values = [
-            roll - yaw * sin_pitch,
-            pitch * cos_roll + yaw * sin_roll * cos_pitch,
-            -pitch * sin_roll + yaw * cos_roll * cos_pitch,
-        ];
-        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(TimedRow { t_s: at.t_s, row_values: values })
+        let heading_rad_s = if yaw_rad_s.is_finite() { yaw_rad_s } else { 0.0 };
+        let [roll_rad, pitch_rad, _] = at.row_values;
+        let rates = EulerRates { roll_rad_s, pitch_rad_s, heading_rad_s };
+        let row_values = rates.to_body_rates(RollPitch { roll_rad, pitch_rad });
+        (span_s <= MAX_DIFFERENCE_INTERVAL_S).then_some(TimedRow { t_s: at.t_s, row_values })
     };
     attitude.rows().windows(3).filter_map(rate_at).collect()
 }

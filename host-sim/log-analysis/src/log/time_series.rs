@@ -200,6 +200,20 @@ impl<const N: usize> FromIterator<(f64, [f32; N])> for Series<N> {
     }
 }
 
+/// Indices of each row and of the first one that is `min_s` seconds later or more, if that is within `max_s`.
+pub(crate) fn pairs_apart<T>(
+    rows: &[T],
+    t_s: impl Fn(&T) -> f64,
+    [min_s, max_s]: [f64; 2],
+) -> impl Iterator<Item = (usize, usize)> {
+    let mut last = 0;
+    (0..rows.len()).filter_map(move |first| {
+        let since_s = |row: &T| t_s(row) - t_s(&rows[first]);
+        last += rows[last..].iter().take_while(|row| since_s(row) < min_s).count();
+        rows.get(last).filter(|row| since_s(row) <= max_s).map(|_| (first, last))
+    })
+}
+
 fn is_in_retained_part(t_s: f64, part_stride_log2: u8) -> bool {
     ((t_s / PART_LENGTH_S).floor() as i64).rem_euclid(1 << part_stride_log2) == 0
 }

@@ -78,6 +78,21 @@ impl ReplayRow {
     }
 }
 
+/// Integral of a rate from the first row to each.
+pub(super) fn integrals<'a>(
+    rows: impl IntoIterator<Item = &'a ReplayRow>,
+    rate: impl Fn(&ReplayRow) -> f64,
+) -> Vec<f64> {
+    let (mut integral, mut last) = (0.0, None);
+    let integral_to = |row: &ReplayRow| {
+        let (t_s, rate) = (row.t_s, rate(row));
+        let (last_s, last_rate) = last.replace((t_s, rate)).unwrap_or((t_s, rate));
+        integral += (t_s - last_s) * (last_rate + rate) / 2.0;
+        integral
+    };
+    rows.into_iter().map(integral_to).collect()
+}
+
 /// Rows before a time, and from it on, seconds.
 pub(super) fn split_at_time(rows: &[ReplayRow], t_s: f64) -> [&[ReplayRow]; 2] {
     rows.split_at(rows.partition_point(|row| row.t_s < t_s)).into()

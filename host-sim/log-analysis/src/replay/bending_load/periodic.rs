@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::numbers::{mean, median};
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, integrals};
 
 /// Shortest and longest period, seconds.
 const PERIODS_S: [f64; 2] = [0.2, 60.0];
@@ -191,16 +191,7 @@ fn line_sigmas(powers: &[f64], at: usize, freedom: f64) -> f64 {
 /// field's own heading contains the load. None without body rates.
 fn motion_signals(rows: &[ReplayRow]) -> Option<Vec<Vec<f64>>> {
     let turn_rates: Vec<f64> = rows.iter().map(ReplayRow::heading_rate_rad_s).collect::<Option<_>>()?;
-    let mut heading_rad = 0.0;
-    let mut last_s = rows.first()?.t_s;
-    let headings_rad: Vec<f64> = rows
-        .iter()
-        .zip(&turn_rates)
-        .map(|(row, rate)| {
-            heading_rad += rate * (row.t_s - std::mem::replace(&mut last_s, row.t_s));
-            heading_rad
-        })
-        .collect();
+    let headings_rad = integrals(rows, |row| row.heading_rate_rad_s().unwrap_or(0.0));
     let mut signals: Vec<Vec<f64>> = vec![
         rows.iter().map(|row| f64::from(row.attitude.roll_rad)).collect(),
         rows.iter().map(|row| f64::from(row.attitude.pitch_rad)).collect(),

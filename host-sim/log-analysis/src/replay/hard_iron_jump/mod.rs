@@ -11,7 +11,7 @@ use nalgebra::{Rotation3, Vector3};
 use super::hard_iron_step::HardIronStep;
 use crate::log::FieldCorrection;
 use crate::numbers::{median, quantile};
-use crate::replay::row::ReplayRow;
+use crate::replay::row::{ReplayRow, integrals};
 
 /// Duration compared before and after a row, seconds: long enough to average noise, short enough for gyro drift.
 const WINDOW_S: f64 = 1.0;
@@ -158,19 +158,13 @@ impl<'a> JumpSearch<'a> {
     fn new(rows: &'a [ReplayRow], correction: &FieldCorrection) -> Self {
         let rows: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
         let fields = rows.iter().map(|row| row.corrected_field(correction)).collect();
-        let (mut heading_rad, mut turned) = (0.0, 0.0);
-        let (mut rotations, mut rotation_sum_rad) = (Vec::new(), Vec::new());
-        for (i, row) in rows.iter().enumerate() {
-            if let Some(before) = i.checked_sub(1).map(|before| rows[before]) {
-                let step_s = row.t_s - before.t_s;
-                let rates = [before, row].map(|row| row.heading_rate_rad_s().unwrap_or(0.0));
-                heading_rad += step_s * (rates[0] + rates[1]) / 2.0;
-                turned += step_s * (rotation_rate_rad_s(before) + rotation_rate_rad_s(row)) / 2.0;
-            }
+        let headings_rad = integrals(rows.iter().copied(), |row| row.heading_rate_rad_s().unwrap_or(0.0));
+        let rotation_sum_rad = integrals(rows.iter().copied(), rotation_rate_rad_s);
+        let rotation = |(row, heading_rad): (&&ReplayRow, f64)| {
             let RollPitch { roll_rad, pitch_rad } = row.attitude;
-            rotations.push(Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad));
-            rotation_sum_rad.push(turned);
-        }
+            Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad)
+        };
+        let rotations = rows.iter().zip(headings_rad).map(rotation).collect();
         let differences = vec![None; rows.len()];
         let mut search = Self { rows, fields, rotations, rotation_sum_rad, differences };
         search.update_differences();

@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, SMatrix, Vector1, Vector2, Vector3};
 
 use super::check::CheckOutcome;
 use crate::least_squares::LeastSquares;
+use crate::log::time_series::pairs_apart;
 use crate::log::{FieldCorrection, LoggedFlight};
 use crate::numbers::mean;
 use crate::replay::evaluation::FlightEvaluation;
@@ -319,15 +320,9 @@ fn turn_fraction_by_reference(rows: &[ReplayRow], correction: Option<&FieldCorre
     fit.solve().filter(|_| fit.normal.x > MIN_TURNS_DEG2).map(|fraction| fraction.x)
 }
 
-/// First and last row of each time of [`TURN_TIME_S`].
+/// First and last row of each turn.
 fn turns(rows: &[ReplayRow]) -> impl Iterator<Item = (usize, usize)> + '_ {
-    let mut last = 0;
-    (0..rows.len()).filter_map(move |first| {
-        while last < rows.len() && rows[last].t_s - rows[first].t_s < TURN_TIME_S[0] {
-            last += 1;
-        }
-        (last < rows.len() && rows[last].t_s - rows[first].t_s <= TURN_TIME_S[1]).then_some((first, last))
-    })
+    pairs_apart(rows, |row| row.t_s, TURN_TIME_S)
 }
 
 /// Corrected fields of the rows, microtesla; as logged without a correction.
