@@ -149,7 +149,7 @@ fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
             let [LoggedHardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {
                 panic!("{at_s} s, {} deg: {changes:?}", world.earth.inclination_deg)
             };
-            let off_ut = Vector3::from(change.step_ut) - Vector3::new(8.0, 0.0, 0.0);
+            let off_ut = change.step_ut - Vector3::new(8.0, 0.0, 0.0);
             assert!(off_ut.norm() < 0.3 && (change.time_s - at_s).abs() < 0.5, "{at_s} s: {change:?}");
         }
     }

@@ -338,6 +338,11 @@ impl LoggedFlight {
         Self { log_format: format, logged_rate_signs: [1.0; 3], has_measured_rates: true, ..Self::default() }
     }
 
+    /// Whether the attitude has a yaw.
+    pub(crate) fn has_yaw(&self) -> bool {
+        self.attitude.rows().iter().any(|row| row.row_values[2].is_finite())
+    }
+
     /// Whether the vehicle banks into its turns, as aeroplanes do; an unknown one may.
     #[must_use]
     pub fn banks_into_turns(&self) -> bool {

@@ -63,7 +63,7 @@ fn find_rates_problem(differences: &[TimedRow<3>], flight: &LoggedFlight) -> Opt
     if pairs.len() < MIN_TESTED_ROWS {
         return None;
     }
-    let has_yaw = flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite());
+    let has_yaw = flight.has_yaw();
     (0..if has_yaw { 3 } else { 2 }).find_map(|axis| sign_or_unit_problem(&pairs, axis)).or_else(|| {
         let step_s = flight.attitude.median_step_s().filter(|_| has_yaw)?;
         let yaw_rate_difference = |(difference, logged): &([f32; 3], [f32; 3])| f64::from(difference[2] - logged[2]);

@@ -13,6 +13,7 @@ use super::parameter_export::CorrectedTerms;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_field;
 use super::sensor_change::{SensorChange, find_sensor_change};
+use super::sensor_failure::{SensorFailure, find_sensor_failure};
 use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows_of_flight;
@@ -65,6 +66,8 @@ pub struct CompassEvaluation {
     pub rows: Vec<ReplayRow>,
     /// Numbers of used and of rejected rows.
     pub row_counts: RowCounts,
+    /// Failure of the sensor.
+    pub sensor_failure: Option<SensorFailure>,
     /// Median interval of the readings, seconds.
     pub reading_interval_s: f64,
     /// Result of the module that is compared.
@@ -147,6 +150,11 @@ impl FlightEvaluation {
     /// Inclination of the modelled Earth field, degrees.
     pub(super) fn earth_inclination_deg(&self) -> Option<f64> {
         self.earth_field.as_ref().map(|(earth, _)| f64::from(earth.inclination_deg))
+    }
+
+    /// Declination by the field model, degrees.
+    pub(crate) fn declination_deg(&self) -> Option<f64> {
+        self.earth_field.as_ref().and_then(|(earth, _)| earth.declination_deg).map(f64::from)
     }
 }
 
@@ -243,6 +251,7 @@ impl SharedInputs<'_> {
             is_used_for_heading: compass.is_used_for_heading,
             latency,
             row_counts,
+            sensor_failure: find_sensor_failure(self.flight, compass, &rows),
             reading_interval_s: compass.field.median_step_s().unwrap_or(f64::NAN),
             heading_scores: heading_scores(compass, &rows, module_result.as_ref()),
             rows,

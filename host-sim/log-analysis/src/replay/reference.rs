@@ -62,9 +62,7 @@ impl ReferenceHeading {
             ReferenceKind::Column => (!flight.reference_heading.is_empty()).then_some(Self::Column),
             ReferenceKind::GpsYaw => (gps_yaws() > 20).then_some(Self::GpsYaw),
             ReferenceKind::GpsCourse => GpsCourseHeading::from_flight(flight).ok().map(Self::GpsCourse),
-            ReferenceKind::AutopilotYaw => {
-                flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite()).then_some(Self::AutopilotYaw)
-            }
+            ReferenceKind::AutopilotYaw => flight.has_yaw().then_some(Self::AutopilotYaw),
         }
     }
 
@@ -105,6 +103,12 @@ impl ReferenceHeading {
     #[must_use]
     pub const fn measures_error(&self) -> bool {
         !matches!(self, Self::AutopilotYaw)
+    }
+
+    /// Whether headings count from true north; those of a table may count from any.
+    #[must_use]
+    pub const fn counts_from_true_north(&self) -> bool {
+        !matches!(self, Self::Column)
     }
 
     /// Standard deviation of a reference that is accurate enough to judge a compass, degrees; of a column it is unknown

@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use super::evaluation::CompassEvaluation;
 use super::frozen_field::{self, FrozenInterval, frozen_intervals};
-use crate::log::LoggedFlight;
+use super::row::ReplayRow;
+use crate::log::{LoggedCompass, LoggedFlight};
 
 /// Failure of a sensor; displayed as a clause.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,17 +23,18 @@ pub enum SensorFailure {
 }
 
 /// Failure of a compass's sensor.
-pub(super) fn sensor_failure(flight: &LoggedFlight, compass: &CompassEvaluation) -> Option<SensorFailure> {
-    if compass.row_counts.readings == 0 {
-        return Some(SensorFailure::NoReadings);
-    }
+pub(super) fn find_sensor_failure(
+    flight: &LoggedFlight,
+    compass: &LoggedCompass,
+    rows: &[ReplayRow],
+) -> Option<SensorFailure> {
+    let Some(last_reading) = compass.field.rows().last() else { return Some(SensorFailure::NoReadings) };
     let duration_s = |frozen: &FrozenInterval| frozen.interval_s[1] - frozen.interval_s[0];
-    let longest = frozen_intervals(&compass.rows).into_iter().max_by(|a, b| duration_s(a).total_cmp(&duration_s(b)));
+    let longest = frozen_intervals(rows).into_iter().max_by(|a, b| duration_s(a).total_cmp(&duration_s(b)));
     if let Some(longest) = longest {
         return Some(SensorFailure::Frozen(longest));
     }
-    let logged = flight.compass(compass.compass_number)?;
-    let [field_end_s, log_end_s] = [logged.field.rows().last()?.t_s, flight.attitude.rows().last()?.t_s];
+    let [field_end_s, log_end_s] = [last_reading.t_s, flight.attitude.rows().last()?.t_s];
     (log_end_s - field_end_s > frozen_field::MIN_FROZEN_S).then_some(SensorFailure::Ends { field_end_s, log_end_s })
 }
 

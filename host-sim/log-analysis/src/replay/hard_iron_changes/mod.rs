@@ -54,7 +54,7 @@ const MAX_REFINEMENT_SHIFT_S: f64 = 1.5;
 #[must_use]
 pub fn temporary_change_start_s(changes: &[LoggedHardIronChange]) -> Option<f64> {
     let [.., first, last] = changes else { return None };
-    let [one, other] = [first, last].map(|change| Vector3::from(change.hard_iron_step.step_ut));
+    let [one, other] = [first, last].map(|change| change.hard_iron_step.step_ut);
     cancel_each_other(&one, &other).then_some(first.hard_iron_step.time_s)
 }
 
@@ -89,7 +89,7 @@ fn find_steps(rows: &[ReplayRow], initial: &FieldCorrection, total_ut: f64, chan
     if changes.len() >= MAX_CHANGES {
         return;
     }
-    let Some(step) = find_step(rows, initial).filter(|step| step.size_ut() < total_ut) else { return };
+    let Some(step) = find_step(rows, initial).filter(|step| step.step_ut.norm() < total_ut) else { return };
     let solutions = split_at_time(rows, step.time_s).map(solve_all_rows);
     // The initial correction fits the rows neither before nor after the change; from a fit to one side, the estimated
     // step converges to its full size.
@@ -189,9 +189,8 @@ fn confirmed_heading_effect_deg(
         (solution_after, rows_before, -1.0)
     };
     let solution = solution.as_ref().filter(|solution| is_accurate(solution))?;
-    let step_ut = Vector3::from(step.step_ut);
     let without_step = solved_correction(solution);
-    let with_step = FieldCorrection { hard_iron_ut: without_step.hard_iron_ut + step_ut * sign, ..without_step };
+    let with_step = FieldCorrection { hard_iron_ut: without_step.hard_iron_ut + step.step_ut * sign, ..without_step };
     let [residual_without_step_ut, residual_with_step_ut] =
         [without_step, with_step].map(|correction| median_residual_ut(other_rows, &correction, solution));
     let is_confirmed = residual_without_step_ut > MIN_RESIDUAL_RATIO * residual_with_step_ut;
@@ -201,9 +200,9 @@ fn confirmed_heading_effect_deg(
 /// Largest effect of a step on a level heading, degrees, if significant. Horizontal components only: on a single heading
 /// the component across it is hardly observable, and a significant vertical component changes no heading.
 fn step_effect_deg(step: &HardIronStep, solution: &Solution) -> Option<f64> {
-    let change_ut = solution.calibration.w_matrix().map(f64::from) * Vector3::from(step.step_ut);
+    let change_ut = solution.calibration.w_matrix().map(f64::from) * step.step_ut;
     let horizontal_field_ut = solution.calibration.total_ut * libm::cosf(solution.calibration.inclination_rad);
-    let is_significant = change_ut.xy().norm() > MIN_HORIZONTAL_SIGMAS * Vector3::from(step.sigma_ut).xy().norm();
+    let is_significant = change_ut.xy().norm() > MIN_HORIZONTAL_SIGMAS * step.sigma_ut.xy().norm();
     let heading_effect_deg = heading_effect_deg(change_ut, horizontal_field_ut.into());
     (is_significant && heading_effect_deg >= MIN_HEADING_EFFECT_DEG).then_some(heading_effect_deg)
 }
@@ -215,7 +214,7 @@ pub(super) fn heading_effect_deg(disturbance_ut: Vector3<f64>, horizontal_ut: f6
 
 /// Whether a step is the same change as a jump.
 fn is_same_change(step: &HardIronStep, jump: &HardIronStep) -> bool {
-    let is_same_size = is_confirmed_by(&step.step_ut.into(), &jump.step_ut.into());
+    let is_same_size = (step.step_ut - jump.step_ut).norm() < MAX_RELATIVE_DISAGREEMENT * jump.step_ut.norm();
     (step.time_s - jump.time_s).abs() < MAX_REFINEMENT_SHIFT_S && is_same_size
 }
 
@@ -233,10 +232,6 @@ fn median_residual_ut(rows: &[ReplayRow], correction: &FieldCorrection, solution
 fn earth_total_and_vertical_ut(solution: &Solution) -> [f64; 2] {
     let total_ut = f64::from(solution.calibration.total_ut);
     [total_ut, total_ut * libm::sin(f64::from(solution.calibration.inclination_rad))]
-}
-
-fn is_confirmed_by(estimate: &Vector3<f64>, expected: &Vector3<f64>) -> bool {
-    (estimate - expected).norm() < MAX_RELATIVE_DISAGREEMENT * expected.norm()
 }
 
 #[cfg(test)]

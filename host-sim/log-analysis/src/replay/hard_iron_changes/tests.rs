@@ -26,7 +26,7 @@ fn assert_changes(found: &[LoggedHardIronChange], steps: &[(f64, [f32; 3])], abo
     assert_eq!(found.len(), steps.len(), "{about}: {found:?}");
     for (change, (at_s, step_ut)) in found.iter().zip(steps) {
         let step_ut = Vector3::from(*step_ut).map(f64::from);
-        let off_ut = Vector3::from(change.hard_iron_step.step_ut) - step_ut;
+        let off_ut = change.hard_iron_step.step_ut - step_ut;
         assert!((change.hard_iron_step.time_s - at_s).abs() < 1.0, "{about}: {change:?}");
         assert!(off_ut.norm() < 0.2 * step_ut.norm(), "{about}: {change:?}");
         let moved_ut = SOFT_IRON.try_inverse().unwrap() * step_ut;
@@ -97,7 +97,11 @@ fn a_step_that_did_not_turn_the_heading_is_no_change() {
         ("reference, happened", &without_rates, true, along_circle, along_circle, true),
         ("one heading after it", &without_rates, false, along_circle, along_circle, false),
     ] {
-        let step = HardIronStep { time_s: 35.0, step_ut: claimed_ut.map(f64::from), sigma_ut: [0.1; 3] };
+        let step = HardIronStep {
+            time_s: 35.0,
+            step_ut: Vector3::from(claimed_ut).map(f64::from),
+            sigma_ut: Vector3::repeat(0.1),
+        };
         let rows = rows(happened_ut, has_reference);
         let turns = measured_turns(flight);
         let found = is_change_possible(flight, &rows, &turns, &step, &FieldCorrection::identity());

@@ -1,7 +1,7 @@
 //! Whether the heading jumped with a change of hard iron, by a reference or by the turn of the body rates: on a single
 //! heading, strength and inclination leave the horizontal part of a change free along a circle.
 
-use nalgebra::{Vector3, Vector5};
+use nalgebra::Vector5;
 
 use crate::least_squares::LeastSquares;
 use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
@@ -37,7 +37,7 @@ pub(super) fn is_change_possible(
     if sectors.iter().all(HeadingSectors::suffice) {
         return true;
     }
-    let changed = FieldCorrection { hard_iron_ut: initial.hard_iron_ut + Vector3::from(step.step_ut), ..*initial };
+    let changed = FieldCorrection { hard_iron_ut: initial.hard_iron_ut + step.step_ut, ..*initial };
     let near = rows.iter().filter(|row| row.is_usable && (row.t_s - step.time_s).abs() < SEARCHED_S);
     let differences = near.filter_map(|row| {
         let heading = |correction| heading_deg(row, row.corrected_field(correction));

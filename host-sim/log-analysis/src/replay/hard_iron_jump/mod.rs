@@ -77,7 +77,7 @@ pub struct FittedCorrection {
 pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronStep> {
     let Some(to_raw) = fit.correction.matrix.try_inverse() else { return Vec::new() };
     let mut search = JumpSearch::new(rows, &fit.correction);
-    let sigma_ut = [search.sigma_ut(); 3];
+    let sigma_ut = Vector3::repeat(search.sigma_ut());
     let mut found: Vec<Jump> = Vec::new();
     for direction in [Direction::Later, Direction::Earlier] {
         found.extend(search.jumps_in(direction, fit));
@@ -87,11 +87,7 @@ pub fn find_jumps(rows: &[ReplayRow], fit: &FittedCorrection) -> Vec<HardIronSte
     found.retain(|jump| !search.is_compensated(jump.row_index, &(to_raw * jump.step_ut)));
     found
         .into_iter()
-        .map(|jump| HardIronStep {
-            time_s: search.rows[jump.row_index].t_s,
-            step_ut: (to_raw * jump.step_ut).into(),
-            sigma_ut,
-        })
+        .map(|jump| HardIronStep { time_s: search.rows[jump.row_index].t_s, step_ut: to_raw * jump.step_ut, sigma_ut })
         .collect()
 }
 

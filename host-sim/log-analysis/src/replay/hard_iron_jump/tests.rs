@@ -69,7 +69,7 @@ fn jumps_found_in(rows: &[ReplayRow]) -> Vec<HardIronStep> {
 fn assert_steps(found: &[HardIronStep], expected: &[(f64, f64)], about: &str) {
     assert_eq!(found.len(), expected.len(), "{about}: {found:?}");
     for (step, (at_s, y_ut)) in found.iter().zip(expected) {
-        let off_ut = Vector3::from(step.step_ut) - Vector3::new(0.0, *y_ut, 0.0);
+        let off_ut = step.step_ut - Vector3::new(0.0, *y_ut, 0.0);
         assert!((step.time_s - at_s).abs() < 0.5 && off_ut.norm() < 1.0, "{about}: {step:?}");
         assert!(step.sigma_ut.iter().all(|sigma_ut| (0.15..0.35).contains(sigma_ut)), "{about}: {step:?}");
     }

@@ -41,20 +41,15 @@ pub struct HardIronStep {
     /// Flight time of the step, seconds.
     pub time_s: f64,
     /// Size, body axes, microtesla.
-    pub step_ut: [f64; 3],
+    pub step_ut: Vector3<f64>,
     /// Standard deviation of each component, microtesla.
-    pub sigma_ut: [f64; 3],
+    pub sigma_ut: Vector3<f64>,
 }
 
 impl HardIronStep {
-    /// Magnitude of the step, microtesla.
-    pub fn size_ut(&self) -> f64 {
-        Vector3::from(self.step_ut).norm()
-    }
-
     /// Axis with the largest component.
     pub fn axis(&self) -> char {
-        ['x', 'y', 'z'][Vector3::from(self.step_ut).iamax()]
+        ['x', 'y', 'z'][self.step_ut.iamax()]
     }
 }
 
@@ -87,10 +82,9 @@ pub(super) fn find_step(rows: &[ReplayRow], initial: &FieldCorrection) -> Option
     let total_ratio = scatter_ratio(0..changed.len());
     let is_better = total_ratio < MAX_TOTAL_SCATTER_RATIO
         || total_ratio < MAX_TOTAL_SCATTER_RATIO_NEAR_END && short_side_ratio < MAX_SHORT_SIDE_SCATTER_RATIO;
-    let step =
-        HardIronStep { time_s: usable.get(first_after)?.t_s, step_ut: fit.offset_ut.into(), sigma_ut: sigma_ut.into() };
+    let step = HardIronStep { time_s: usable.get(first_after)?.t_s, step_ut: fit.offset_ut, sigma_ut };
     let is_significant = fit.offset_ut.component_div(&sigma_ut).amax() > MIN_STEP_SIGMAS;
-    (is_significant && step.size_ut() > MIN_STEP_UT && is_better).then_some(step)
+    (is_significant && step.step_ut.norm() > MIN_STEP_UT && is_better).then_some(step)
 }
 
 #[cfg(test)]

@@ -97,7 +97,7 @@ fn without_noise_a_hard_iron_step_is_exact_whatever_the_initial_correction() {
     for step_ut in [Vector3::new(3.0, -2.0, 1.5), Vector3::new(-25.0, 18.0, 40.0)] {
         let change = find_without_correction(&distorted_rows(step_ut)).unwrap();
         assert_step_time(&change, 1e-9);
-        assert!((Vector3::from(change.step_ut) - step_ut.map(f64::from)).norm() < 1e-3, "{change:?}");
+        assert!((change.step_ut - step_ut.map(f64::from)).norm() < 1e-3, "{change:?}");
     }
 }
 
@@ -152,7 +152,7 @@ fn outliers_neither_cause_nor_hide_a_hard_iron_step() {
         };
         assert_eq!(detected_step(0.0), None, "{seed}");
         let change = detected_step(4.0).unwrap();
-        let off_ut = (Vector3::from(change.step_ut) - Vector3::new(4.0, 0.0, 0.0)).norm();
+        let off_ut = (change.step_ut - Vector3::new(4.0, 0.0, 0.0)).norm();
         // The limit is three standard deviations of the step.
         assert!(off_ut < 0.3, "{seed}: {change:?}");
     }
@@ -178,7 +178,7 @@ fn a_hard_iron_step_in_a_tenth_of_the_rows_is_found() {
             assert_eq!(change.is_some(), is_found, "{step_row}, {seed}: {moved_ut} uT in {noise_ut}: {change:?}");
             if let Some(change) = change {
                 assert!((change.time_s - f64::from(step_row) / 10.0).abs() < 1.0, "{change:?}");
-                assert!((change.size_ut() - f64::from(moved_ut)).abs() < 1.0, "{change:?}");
+                assert!((change.step_ut.norm() - f64::from(moved_ut)).abs() < 1.0, "{change:?}");
             }
         }
     }

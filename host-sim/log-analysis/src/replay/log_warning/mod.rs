@@ -4,7 +4,6 @@ use super::data_loss;
 use super::evaluation::{CompassEvaluation, FlightEvaluation};
 use super::gps_course::{GpsCourseHeading, GpsCourseRejection};
 use super::rows::{RowCounts, strength_ut};
-use super::sensor_failure::sensor_failure;
 use crate::log::{
     AttitudeView, AutopilotKind, LogFormat, LoggedFlight, missing_ardupilot_parameters, mounting_parameter_changes,
 };
@@ -19,7 +18,7 @@ pub fn warnings_of_flight(flight: &LoggedFlight, evaluation: &FlightEvaluation) 
     let compasses = &evaluation.compasses;
     let mut warnings = warnings_of_attitude(flight, evaluation);
     for compass in compasses {
-        let failure = sensor_failure(flight, compass);
+        let failure = compass.sensor_failure.as_ref();
         warnings.extend(failure.map(|failure| format!("compass {}: {failure}", compass.compass_number)));
         warnings.extend(spikes(flight, compass));
     }

@@ -2,6 +2,7 @@ use super::*;
 use crate::log::time_series::Series;
 use crate::log::{ParameterHistory, RatesProblem};
 use crate::replay::field_latency::FieldLatency;
+use crate::replay::sensor_failure::SensorFailure;
 use crate::replay::tests::{compass_of_flown_turns, evaluation_of_compasses};
 
 type FlightChange = fn(&mut LoggedFlight);
@@ -118,7 +119,10 @@ fn a_fault_of_a_compass_gives_its_own_warning_only() {
             "changed in the log: AHRS_ORIENTATION at 60 s, COMPASS_ORIENT at 30 s; no calibration",
         ),
         (|flight, _| flight.body_rates.retain_rows(|i, _| i % 11 != 0), "10 % of the body rates are lost"),
-        (|_, evaluation| evaluation.compasses[1].row_counts.readings = 0, "all its readings are zero, out of range"),
+        (
+            |_, evaluation| evaluation.compasses[1].sensor_failure = Some(SensorFailure::NoReadings),
+            "all its readings are zero, out of range",
+        ),
         (|flight, evaluation| make_copter(flight, evaluation, None), gives_no_heading),
         (|flight, evaluation| make_copter(flight, evaluation, Some(ReferenceHeading::AutopilotYaw)), gives_no_heading),
         (|flight, evaluation| make_copter(flight, evaluation, Some(ReferenceHeading::GpsYaw)), ""),

@@ -5,7 +5,6 @@ use crate::replay::evaluation::{CompassEvaluation, FlightEvaluation, score_corre
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::parameter_export::orientation::{FixedOrientation, OrientationParameters};
 use crate::replay::reading_checks::{CheckOutcome, CheckedMeaning, ReadingCheck, misalignment_about_z_deg};
-use crate::replay::reference::ReferenceHeading;
 use crate::replay::row::ReplayRow;
 use crate::replay::row_solve::solved_correction;
 use crate::score::wrap_180;
@@ -43,9 +42,8 @@ pub fn provable_orientation(
 /// Mean heading error of a correction against a reference of true north with a known declination, degrees.
 fn mean_error_deg(evaluation: &FlightEvaluation, rows: &[ReplayRow], correction: &FieldCorrection) -> Option<f64> {
     let reference = evaluation.reference.as_ref()?;
-    reference.sigma_if_accurate_deg().filter(|_| *reference != ReferenceHeading::Column)?;
-    let (earth, _) = evaluation.earth_field.as_ref()?;
-    Some(wrap_180(score_correction(rows, correction)?.mean_deg + f64::from(earth.declination_deg?)))
+    reference.sigma_if_accurate_deg().filter(|_| reference.counts_from_true_north())?;
+    Some(wrap_180(score_correction(rows, correction)?.mean_deg + evaluation.declination_deg()?))
 }
 
 /// Whether a rotation by 45 deg and more is distinguished from a mirror image, which fits with the opposite inclination and heading.

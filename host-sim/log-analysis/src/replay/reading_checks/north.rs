@@ -39,10 +39,10 @@ pub(super) fn check_north(
     if !sectors.suffice() {
         return CheckOutcome::unchecked("the flight has too few headings");
     }
-    let is_true_north = reference.measures_error() && *reference != ReferenceHeading::Column;
+    let is_true_north = reference.measures_error() && reference.counts_from_true_north();
     let max_error_deg = if is_true_north { MAX_MEAN_ERROR_DEG } else { MAX_MEAN_ERROR_OF_OTHERS_DEG };
-    let declination_deg = evaluation.earth_field.as_ref().and_then(|(earth, _)| earth.declination_deg);
-    let mean_deg = |score: &HeadingScore| wrap_180(score.mean_deg + declination_deg.map_or(0.0, f64::from));
+    let declination_deg = evaluation.declination_deg();
+    let mean_deg = |score: &HeadingScore| wrap_180(score.mean_deg + declination_deg.unwrap_or(0.0));
     let as_logged = score_field(rows, ReplayRow::logged_ut).filter(|score| score.rms_deg < MAX_RMS_AS_LOGGED_DEG);
     let with_fit = correction.and_then(|correction| score_correction(rows, correction));
     // A fit replaces the orientation in use.

@@ -51,9 +51,8 @@ pub(super) fn check_sense(
     rows: &[ReplayRow],
     correction: Option<&FieldCorrection>,
 ) -> CheckOutcome {
-    let has_yaw = flight.attitude.rows().iter().any(|row| row.row_values[2].is_finite());
     // Differences of an attitude without yaw have no turn.
-    let has_rates = flight.has_measured_rates || has_yaw;
+    let has_rates = flight.has_measured_rates || flight.has_yaw();
     let turn_fractions = |signs: [f32; 3]| if has_rates { turn_fractions(rows, correction, signs) } else { [None; 3] };
     let [by_logged_rates, fractions] = [flight.logged_rate_signs, [1.0; 3]].map(turn_fractions);
     let agrees = |fractions: &[Option<f64>]| !fractions.iter().copied().any(is_reversed);

@@ -18,7 +18,7 @@ use crate::log::{self, FieldCorrection, LoggedFlight};
 use crate::numbers;
 use crate::replay::data_loss;
 use crate::replay::evaluation::CorrectionSource;
-use crate::replay::sensor_failure::sensor_failure;
+use crate::replay::sensor_failure::find_sensor_failure;
 use crate::test_flight::{flight_of_motion, logged_flight, record_turns};
 
 /// A calibrating flight of turns without field latency, with wrong offsets in the autopilot, and its evaluation.
@@ -166,7 +166,7 @@ fn the_longest_frozen_field_is_reported() {
             }
         }
         let (from_s, to_s) = if spans[0].1 - spans[0].0 > 20 { spans[0] } else { spans[1] };
-        let note = sensor_failure(&flight, &compass).unwrap().to_string();
+        let note = find_sensor_failure(&flight, &flight.compasses[0], &compass.rows).unwrap().to_string();
         let [from_s, to_s] = [from_s, to_s].map(|time_s| compass.rows[time_s * 10].t_s.round());
         assert!(note.contains(&format!("from {from_s} to {to_s} s")), "{note}");
     }
@@ -179,7 +179,8 @@ fn a_field_ending_over_10_s_before_the_log_is_reported() {
         let (mut flight, compass) = compass_of_flown_turns();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         flight.compasses[0].field.retain_rows(|_, reading| reading.t_s <= end_s - early_s);
-        assert_eq!(sensor_failure(&flight, &compass).is_some(), is_reported, "{early_s}");
+        let failure = find_sensor_failure(&flight, &flight.compasses[0], &compass.rows);
+        assert_eq!(failure.is_some(), is_reported, "{early_s}");
     }
 }
 

@@ -23,13 +23,13 @@ impl Verdict<'_> {
             add_fact("other compasses", disagreement.to_string());
         }
         for LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.causes.hard_iron_changes {
-            let [x, y, z] = step.step_ut;
+            let [x, y, z] = step.step_ut.into();
             add_fact(
                 "iron changed",
                 format!(
                     "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {heading_effect_deg:.0} deg of \
                      heading; a drift shows as a step, too",
-                    format_number(step.size_ut(), 1),
+                    format_number(step.step_ut.norm(), 1),
                     step.time_s,
                     step.axis(),
                 ),

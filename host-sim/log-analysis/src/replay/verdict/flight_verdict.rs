@@ -10,7 +10,6 @@ use crate::replay::logged_accuracy::logged_accuracy;
 use crate::replay::parameter_choice::{NoParameters, choose_parameters, provable_orientation};
 use crate::replay::parameter_export::{ExportedCorrection, ParameterFormat};
 use crate::replay::reading_checks::{ReadingCheck, check_reading, forbidding_check};
-use crate::replay::sensor_failure::sensor_failure;
 
 /// Verdict on a flight.
 #[derive(Clone, Debug)]
@@ -63,16 +62,10 @@ impl<'a> Verdict<'a> {
                 }
             };
             used_rotations.extend(parameters.as_ref().ok().and_then(|exported| exported.orientation.custom_rotation()));
-            let failure = sensor_failure(flight, compass);
             CompassVerdict {
                 compass_name: compass_name(flight, compass.compass_number),
                 evaluation: compass,
-                judgement: CompassJudgement::new(
-                    compass,
-                    logged_accuracy(flight, evaluation, compass),
-                    failure,
-                    &parameters,
-                ),
+                judgement: CompassJudgement::new(compass, logged_accuracy(flight, evaluation, compass), &parameters),
                 parameters,
                 reading_checks,
                 disagreement: disagreement(&evaluation.compasses, compass),

@@ -96,8 +96,8 @@ impl CompassVerdict<'_> {
             })).collect::<Vec<_>>(),
             "changes": compass.causes.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
                 "at_s": round_to(step.time_s, 1),
-                "ut": step.step_ut.map(|axis| round_to(axis, 2)),
-                "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)),
+                "ut": step.step_ut.map(|axis| round_to(axis, 2)).as_slice(),
+                "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)).as_slice(),
                 "bend_deg": round_to(*heading_effect_deg, 1),
             })).collect::<Vec<_>>(),
             "bent_by": compass.causes.bending_loads.iter().map(|load| json!({

@@ -13,7 +13,7 @@ use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::heading_deg;
 use crate::replay::parameter_export::field_by_exported_parameters;
 use crate::replay::verdict::{CompassVerdict, Verdict};
-use crate::replay::{HeadingRow, ReferenceHeading, ReplayRow, solved_correction};
+use crate::replay::{HeadingRow, ReplayRow, solved_correction};
 use crate::score::wrap_180;
 
 /// Makes the report of a replayed log.
@@ -164,9 +164,8 @@ fn compass_report(verdict: &Verdict<'_>, compass: &CompassVerdict<'_>) -> Compas
 
 /// Declination by the field model, degrees, for a reference from true north.
 fn declination_deg(evaluation: &FlightEvaluation) -> Option<f64> {
-    let is_true = evaluation.reference.as_ref().is_some_and(|reference| !matches!(reference, ReferenceHeading::Column));
-    let (earth, _) = evaluation.earth_field.as_ref().filter(|_| is_true)?;
-    earth.declination_deg.map(f64::from)
+    evaluation.reference.as_ref().filter(|reference| reference.counts_from_true_north())?;
+    evaluation.declination_deg()
 }
 
 /// Strength, microtesla, and inclination, degrees, that a corrected field should have: exported parameters have the
@@ -195,7 +194,7 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
     let changed =
         compass.causes.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, .. }| EventMark {
             time_s: step.time_s,
-            event_name: format!("iron changed by {} uT", format_number(step.size_ut(), 1)),
+            event_name: format!("iron changed by {} uT", format_number(step.step_ut.norm(), 1)),
         });
     calibrated.into_iter().chain(changed).collect()
 }

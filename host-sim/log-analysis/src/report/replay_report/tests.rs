@@ -2,6 +2,7 @@ use crate::log::LoggedFlight;
 use autoswing::earth::{Date, EarthField, Position};
 
 use super::*;
+use crate::replay::ReferenceHeading;
 use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::tests::{FLOWN_TURNS, REFUSED_SOLVE, module_mut};
@@ -43,7 +44,7 @@ fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         compass.rows.drain(..300);
         let at_s = compass.rows[0].t_s + 50.0;
         module_mut(compass).outcome.collection_end_s = Some(90.0);
-        let step = HardIronStep { time_s: at_s, step_ut: [1.0, -8.0, 0.0], sigma_ut: [0.1; 3] };
+        let step = HardIronStep { time_s: at_s, step_ut: Vector3::new(1.0, -8.0, 0.0), sigma_ut: Vector3::repeat(0.1) };
         compass.causes.hard_iron_changes =
             vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
     });

@@ -108,9 +108,9 @@ impl CompassJudgement {
     pub fn new(
         compass: &CompassEvaluation,
         accuracy: Result<LoggedAccuracy, UnknownError>,
-        failure: Option<SensorFailure>,
         parameters: &Result<ExportedCorrection, NoParameters>,
     ) -> Self {
+        let failure = compass.sensor_failure.as_ref();
         let logged_accuracy = accuracy.as_ref().ok().copied();
         let bending_load =
             compass.causes.bending_loads.iter().max_by(|a, b| a.heading_effect_deg.total_cmp(&b.heading_effect_deg));
@@ -151,6 +151,7 @@ impl CompassJudgement {
             Err(rejection) => Some(JudgementReason::NoParameters(rejection.clone())),
         };
         let reasons = failure
+            .cloned()
             .map(JudgementReason::SensorFailed)
             .into_iter()
             .chain(changed)
@@ -261,7 +262,7 @@ impl fmt::Display for CompassJudgement {
                         "{had} other iron around it {since} {:.0} s, by {:.1} uT, which {bent} headings by up to \
                          {heading_effect_deg:.0} deg",
                         step.time_s,
-                        step.size_ut()
+                        step.step_ut.norm()
                     )
                 }
                 JudgementReason::BentBy(load) => format!("is bent by {}", load.cause.summary()),

@@ -1,3 +1,5 @@
+use nalgebra::Vector3;
+
 use super::*;
 use crate::log::FieldCorrection;
 use crate::replay::bending_load::BendingCause;
@@ -62,14 +64,15 @@ fn judge(
     parameters: &Result<ExportedCorrection, NoParameters>,
     failure: Option<SensorFailure>,
 ) -> CompassJudgement {
-    let compass = CompassEvaluation { causes, ..compass_of_flown_turns().1 };
+    let compass = CompassEvaluation { causes, sensor_failure: failure, ..compass_of_flown_turns().1 };
     let by_rates = |rms_deg| LoggedAccuracy { rms_deg, sector_count: 7, evidence: AccuracyEvidence::BodyRates };
-    CompassJudgement::new(&compass, accuracy.map(by_rates), failure, parameters)
+    CompassJudgement::new(&compass, accuracy.map(by_rates), parameters)
 }
 
 /// A change of hard iron with this effect on headings.
 fn changed_iron(effect_deg: Option<f64>) -> FieldCauses {
-    let hard_iron_step = HardIronStep { time_s: 60.0, step_ut: [0.0, 4.0, 0.0], sigma_ut: [0.1; 3] };
+    let hard_iron_step =
+        HardIronStep { time_s: 60.0, step_ut: Vector3::new(0.0, 4.0, 0.0), sigma_ut: Vector3::repeat(0.1) };
     let change = effect_deg.map(|heading_effect_deg| LoggedHardIronChange { hard_iron_step, heading_effect_deg });
     FieldCauses { hard_iron_changes: change.into_iter().collect(), ..FieldCauses::default() }
 }
