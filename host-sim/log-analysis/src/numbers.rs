@@ -42,6 +42,11 @@ fn round_by_name(value: &mut Value, decimals: i32) {
     }
 }
 
+/// Microtesla per milligauss.
+pub const UT_PER_MILLIGAUSS: f64 = 0.1;
+/// Microtesla per gauss.
+pub const UT_PER_GAUSS: f64 = 1000.0 * UT_PER_MILLIGAUSS;
+
 /// Square; `f64::powi` may round differently on another platform.
 #[must_use]
 pub fn square(value: f64) -> f64 {

@@ -17,6 +17,7 @@ use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::load::{LoadRows, LoadSource};
 use super::read_window::ReadWindow;
 use super::time_series::Series;
+use crate::numbers::{UT_PER_GAUSS, UT_PER_MILLIGAUSS};
 
 const CLOCK_LENGTH: usize = 8;
 /// Length of a MAVLink 1 header, bytes.
@@ -25,9 +26,6 @@ const HEADER_LENGTH_V2: usize = 10;
 const CHECKSUM_LENGTH: usize = 2;
 const SIGNATURE_LENGTH: usize = 13;
 const MAX_FRAME_LENGTH: usize = HEADER_LENGTH_V2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
-
-const UT_PER_MILLIGAUSS: f32 = 0.1;
-const UT_PER_GAUSS: f32 = 100.0;
 
 /// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
 const MAX_PX4_COMPASSES: u8 = 4;
@@ -290,7 +288,7 @@ impl TlogReader {
             }
             MavMessage::HIGHRES_IMU(payload) if has_field_update(payload.fields_updated.bits()) => {
                 let t_s = self.sender_time_s(origin, payload.time_usec)?;
-                let field_ut = [payload.xmag, payload.ymag, payload.zmag].map(|gauss| gauss * UT_PER_GAUSS);
+                let field_ut = [payload.xmag, payload.ymag, payload.zmag].map(|gauss| gauss * UT_PER_GAUSS as f32);
                 self.builder.push_field(1, self.field_processing(), t_s, field_ut, None);
             }
             MavMessage::SYSTEM_TIME(payload) => {
@@ -358,7 +356,7 @@ impl TlogReader {
             return;
         }
         if let Some(t_s) = self.sender_time_s(origin, time_us) {
-            let field_ut = field_mg.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS);
+            let field_ut = field_mg.map(|axis| f32::from(axis) * UT_PER_MILLIGAUSS as f32);
             if self.builder.flight.autopilot == AutopilotKind::Px4 {
                 if let Some(field) = self.px4_sensor_fields.get_mut(usize::from(compass_number) - 1) {
                     field.push_row(t_s, field_ut);

@@ -5,9 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::compass_slot::{ardupilot_index, ardupilot_vector};
 use super::mounting::px4_mounting;
 use super::parameters::ParameterHistory;
-
-const UT_PER_MILLIGAUSS: f64 = 0.1;
-const UT_PER_GAUSS: f64 = 100.0;
+use crate::numbers::{UT_PER_GAUSS, UT_PER_MILLIGAUSS};
 
 /// Correction of hard iron, soft iron and motor current, body axes: `corrected = matrix (raw - hard_iron - motor I)`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,6 +4,8 @@ use std::borrow::Cow;
 
 use serde::Deserialize;
 
+use crate::numbers::{UT_PER_GAUSS, UT_PER_MILLIGAUSS};
+
 /// Quantity of a column, with the unit of the reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Quantity {
@@ -62,8 +64,8 @@ const UNITS: [(Quantity, &[&str], f64); 19] = [
     (Quantity::Time, &["ms", "millis", "milliseconds"], 1e-3),
     (Quantity::Time, &["us", "\u{b5}s", "\u{3bc}s", "micros", "microseconds"], 1e-6),
     (Quantity::Time, &["ns", "nanoseconds"], 1e-9),
-    (Quantity::Field, &["mg", "mgauss", "milligauss"], 0.1),
-    (Quantity::Field, &["g", "ga", "gauss"], 100.0),
+    (Quantity::Field, &["mg", "mgauss", "milligauss"], UT_PER_MILLIGAUSS),
+    (Quantity::Field, &["g", "ga", "gauss"], UT_PER_GAUSS),
     (Quantity::Field, &["ut", "\u{b5}t", "\u{3bc}t", "microtesla"], 1.0),
     (Quantity::Field, &["nt", "nanotesla"], 1e-3),
     (Quantity::Field, &["mt", "millitesla"], 1e3),
@@ -127,7 +129,7 @@ pub enum FieldUnit {
 impl FieldUnit {
     pub(super) const fn microtesla_per_unit(self) -> f64 {
         match self {
-            Self::Milligauss => 0.1,
+            Self::Milligauss => UT_PER_MILLIGAUSS,
             Self::Microtesla => 1.0,
         }
     }

@@ -3,6 +3,7 @@
 use crate::log::flight::{AutopilotKind, Gps, LogFormat};
 use crate::log::flight_builder::{FieldProcessing, FlightBuilder, MAX_COMPASSES, SECONDARY_ATTITUDE_RANK};
 use crate::log::load::LoadSource;
+use crate::numbers::UT_PER_MILLIGAUSS;
 
 /// A message with named columns, scaled to degrees and m/s by their format letters.
 pub(in crate::log) trait LogMessage {
@@ -173,7 +174,7 @@ fn record_field(builder: &mut FlightBuilder, t_s: f64, message: &dyn LogMessage,
     }
     let motor =
         numeric_fields(message, ["MOX", "MOY", "MOZ"]).or_else(|| numeric_fields(message, ["MOfsX", "MOfsY", "MOfsZ"]));
-    let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * 0.1) as f32);
+    let microtesla = |milligauss: [f64; 3]| milligauss.map(|axis| (axis * UT_PER_MILLIGAUSS) as f32);
     if let Some(offsets_mg) = numeric_fields(message, ["OfsX", "OfsY", "OfsZ"]) {
         builder.push_offsets(compass_number, t_s, offsets_mg.map(|axis| axis as f32));
     }

@@ -6,6 +6,7 @@ use super::recording::{FLIGHT_START_UTC_US, FlightRecording};
 use crate::log::correction::FieldCorrection;
 use crate::log::mounting::px4_mounting;
 use crate::log::parameters::ParameterHistory;
+use crate::numbers::UT_PER_GAUSS;
 
 const ULOG_FORMATS: [&str; 10] = [
     "vehicle_magnetometer:uint64_t timestamp;uint32_t device_id;float[3] magnetometer_ga;",
@@ -78,13 +79,13 @@ pub fn encode_ulog(recording: &FlightRecording) -> Vec<u8> {
         };
         for (compass_number, correction) in corrections.iter().enumerate() {
             let raw = sample.field_ut[compass_number];
-            let gauss = correction.correct_field(raw.into(), sample.current_a) / 100.0;
+            let gauss = correction.correct_field(raw.into(), sample.current_a) / UT_PER_GAUSS;
             let id = recording.parameter_value(&format!("CAL_MAG{compass_number}_ID")) as u32;
             data(compass_number, &[&id.to_le_bytes(), &encode_floats(gauss.as_slice())]);
             // PX4 logs sensors at 1 Hz by default.
             if i % 10 == 0 {
                 let mounting = px4_mounting(&parameters, f64::INFINITY, compass_number as u8);
-                let sensor_gauss = mounting.transpose() * Vector3::from(raw) / 100.0;
+                let sensor_gauss = mounting.transpose() * Vector3::from(raw) / UT_PER_GAUSS;
                 data(sensor_mag_id + compass_number, &[&id.to_le_bytes(), &encode_floats(sensor_gauss.as_slice())]);
             }
         }

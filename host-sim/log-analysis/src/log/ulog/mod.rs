@@ -21,6 +21,7 @@ use super::load::LoadSource;
 use super::read_window::{MAX_PEEK_BYTES, ReadWindow};
 use super::time_series::Series;
 use super::timeline::Timeline;
+use crate::numbers::UT_PER_GAUSS;
 
 /// Start of a log; version and time follow.
 pub const ULOG_MAGIC: [u8; 7] = *b"ULog\x01\x12\x35";
@@ -36,8 +37,6 @@ const MAX_FORMAT_NESTING: u8 = 6;
 
 /// `vehicle_status.arming_state` of an armed aircraft.
 const ARMED_STATE: u8 = 2;
-
-const UT_PER_GAUSS: f32 = 100.0;
 
 /// Lengths of the arrays of `esc_status`, `actuator_motors` and `actuator_outputs`.
 const MAX_PX4_ESCS: usize = 8;
@@ -346,7 +345,7 @@ impl UlogReader {
             true => FieldProcessing::Px4SensorRaw(index),
             false => FieldProcessing::Px4(index),
         };
-        self.builder.push_field(index + 1, processing, t_s, gauss.map(|axis| axis * UT_PER_GAUSS), None);
+        self.builder.push_field(index + 1, processing, t_s, gauss.map(|axis| axis * UT_PER_GAUSS as f32), None);
     }
 
     pub fn finish_flight(mut self) -> LoggedFlight {

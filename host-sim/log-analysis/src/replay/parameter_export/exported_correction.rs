@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::orientation::ExportedOrientation;
 use super::parameter_format::ParameterFormat;
 use crate::log::{FieldCorrection, LoggedFlight};
-use crate::numbers::format_number;
+use crate::numbers::{UT_PER_MILLIGAUSS, format_number};
 
 /// Heading error of parameters on held-back rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,8 +47,6 @@ pub struct ExportedCorrection {
 /// ArduPilot's default of `COMPASS_OFFS_MAX`, milligauss.
 const DEFAULT_MAX_OFFSET_MG: f64 = 1800.0;
 
-pub(super) const MILLIGAUSS_PER_UT: f64 = 10.0;
-
 impl ExportedCorrection {
     /// Whether the parameters compensate motor current.
     pub(super) fn has_motor_compensation(&self) -> bool {
@@ -69,7 +67,7 @@ impl ExportedCorrection {
 
     /// Largest offset component of the exported correction, milligauss.
     pub(in crate::replay) fn largest_offset_mg(&self) -> f64 {
-        self.correction.hard_iron_ut.amax() * MILLIGAUSS_PER_UT
+        self.correction.hard_iron_ut.amax() / UT_PER_MILLIGAUSS
     }
 
     /// Limit of the offsets that the autopilot rejects, milligauss, if exceeded.

@@ -4,16 +4,15 @@ use std::fmt::Write as _;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::exported_correction::{ExportedCorrection, HeldBackScore, MILLIGAUSS_PER_UT};
+use super::exported_correction::{ExportedCorrection, HeldBackScore};
 use super::parameter_format::ParameterFormat;
 use super::symmetric_fit::correction_parts;
 use crate::log::{
     ARDUPILOT_SLOTS, CustomRotation, FieldCorrection, LoggedFlight, NumberedRotation, ParameterHistory,
     SensorOrientation, ardupilot_index, ardupilot_vector, logged_mounting, orientation_parameter, px4_mounting,
 };
-use crate::numbers::format_number;
+use crate::numbers::{UT_PER_GAUSS, UT_PER_MILLIGAUSS, format_number};
 
-const GAUSS_PER_UT: f64 = 0.01;
 /// PX4 uses gauss per kiloampere.
 const AMPERES_PER_KILOAMPERE: f64 = 1000.0;
 
@@ -76,11 +75,11 @@ fn write_ardupilot_parameters(
         }
         let [offsets, diagonal, off_diagonal] = correction_parts(&export.correction);
         for (name, numbers, decimals) in [
-            ("OFS", -offsets * MILLIGAUSS_PER_UT, 2),
+            ("OFS", -offsets / UT_PER_MILLIGAUSS, 2),
             ("DIA", diagonal, 5),
             ("ODI", off_diagonal, 5),
             // ArduPilot adds the motor-current term after the multiplication with the matrix.
-            ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) * MILLIGAUSS_PER_UT, 3),
+            ("MOT", -(export.correction.matrix * export.correction.motor_ut_per_a) / UT_PER_MILLIGAUSS, 3),
         ] {
             for (name, value) in ardupilot_vector(name, slot).iter().zip(numbers.iter()) {
                 writeln!(text, "{name},{}", format_number(*value, decimals))?;
@@ -159,9 +158,9 @@ fn write_px4_parameters(
             motor_ut_per_a: to_sensor * export.correction.motor_ut_per_a,
         };
         let [offsets, diagonal, off_diagonal] = correction_parts(&sensor);
-        let comp = -sensor.motor_ut_per_a * GAUSS_PER_UT * AMPERES_PER_KILOAMPERE;
+        let comp = -sensor.motor_ut_per_a / UT_PER_GAUSS * AMPERES_PER_KILOAMPERE;
         for (name, numbers) in
-            [("OFF", offsets * GAUSS_PER_UT), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
+            [("OFF", offsets / UT_PER_GAUSS), ("SCALE", diagonal), ("ODIAG", off_diagonal), ("COMP", comp)]
         {
             for (axis, value) in ["X", "Y", "Z"].iter().zip(numbers.iter()) {
                 writeln!(text, "1\t1\tCAL_MAG{index}_{axis}{name}\t{}\t9", format_number(*value, 6))?;
@@ -209,7 +208,7 @@ fn write_inav_parameters(text: &mut String, exports: &[SlottedCorrection<'_>]) -
             .iter()
             .zip(export.correction.hard_iron_ut.iter().zip(export.correction.matrix.diagonal().iter()))
         {
-            writeln!(text, "set magzero_{axis} = {:.0}", zero * MILLIGAUSS_PER_UT)?;
+            writeln!(text, "set magzero_{axis} = {:.0}", zero / UT_PER_MILLIGAUSS)?;
             writeln!(text, "set maggain_{axis} = {:.0}", 1024.0 / gain)?;
         }
         writeln!(text, "save")?;
@@ -269,5 +268,5 @@ fn inav_correction(text: &str) -> FieldCorrection {
         }))
     };
     let scale = values("maggain", 1024.0).map(|gain| 1024.0 / gain);
-    FieldCorrection::without_current(Matrix3::from_diagonal(&scale), values("magzero", 0.0) / MILLIGAUSS_PER_UT)
+    FieldCorrection::without_current(Matrix3::from_diagonal(&scale), values("magzero", 0.0) * UT_PER_MILLIGAUSS)
 }
