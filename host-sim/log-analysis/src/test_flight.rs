@@ -65,7 +65,7 @@ pub fn record_turns(field_latency_s: f64) -> FlightRecording {
             ..FlightSample::default()
         }
     });
-    FlightRecording { samples: samples.collect(), ..FlightRecording::with_field_latency(field_latency_s) }
+    FlightRecording { samples: samples.collect(), field_latency_s, ..FlightRecording::default() }
 }
 
 /// The flight is straight for 10 s before each pair of turns and after them.

@@ -82,7 +82,7 @@ pub fn record_turns(world: &WorldConfig, field_latency_s: f64) -> FlightRecordin
             world.append_leg(Leg::Turn { bank_deg, heading_change_deg });
         }
     }
-    let mut recording = FlightRecording::with_field_latency(field_latency_s);
+    let mut recording = FlightRecording { field_latency_s, ..FlightRecording::default() };
     set_place_of_default_earth(&mut recording, &world);
     for i in 20..2400 {
         record_sample(&mut recording, &world, &mut source, i * RECORDING_INTERVAL_US);

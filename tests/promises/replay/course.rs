@@ -30,8 +30,7 @@ fn record_circles_and_legs(world: &WorldConfig, headings_deg: &[f64]) -> FlightR
 /// Records the flight of a world at 48 N, with GPS, until a time in seconds.
 fn record_world(world: &World, end_s: u64) -> FlightRecording {
     let mut source = world.attitude_source();
-    let mut recording =
-        FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::with_field_latency(0.0) };
+    let mut recording = FlightRecording { start_position: Some([48.0, 11.3, 500.0]), ..FlightRecording::default() };
     for i in 10..end_s * 10 {
         record_sample(&mut recording, world, &mut source, i * 100_000);
     }

@@ -24,7 +24,7 @@ fn configured_inclination(inclination_deg: f64) -> EarthFieldPrior {
 
 /// Replay of a selection of rows without prior information.
 fn replay_selection(rows: &[ReplayRow], selection: RowSelection) -> ReplayResult {
-    replay_rows(rows, selection, &EarthFieldPrior::default())
+    replay_rows(rows, None, selection, &EarthFieldPrior::default())
 }
 
 /// Straight, circles each way, straight, at 10 Hz in milligauss with one decimal and reported attitude; the reference
@@ -120,7 +120,7 @@ fn a_fit_to_a_part_of_the_flight_is_good_or_refused() {
     assert!(matches!(early_result.outcome.acceptance, Err(Refusal::Solve(_))), "{:?}", early_result.outcome.acceptance);
     assert!(early_result.headings.is_empty() && early_result.score.is_none());
     let with_inclination =
-        replay_rows(&rows, RowSelection::Turns, &configured_inclination(54.0)).outcome.solution.unwrap();
+        replay_rows(&rows, None, RowSelection::Turns, &configured_inclination(54.0)).outcome.solution.unwrap();
     assert!((with_inclination.calibration.inclination_rad.to_degrees() - 54.0).abs() < 1.0);
     let all_rows_result = replay_selection(&rows, RowSelection::All);
     assert!(
@@ -197,7 +197,7 @@ fn a_wrong_inclination_is_named() {
         let true_deg = world.earth.inclination_deg;
         for configured_deg in [true_deg + 10.0, true_deg - 20.0, if true_deg.abs() > 5.0 { -true_deg } else { 45.0 }] {
             let prior = configured_inclination(configured_deg);
-            let refused = replay_rows(&rows, RowSelection::Turns, &prior).outcome.acceptance.unwrap_err();
+            let refused = replay_rows(&rows, None, RowSelection::Turns, &prior).outcome.acceptance.unwrap_err();
             let Refusal::Solve(SolveError::InclinationContradicted { found_deg }) = refused else {
                 panic!("seed {seed}, configured {configured_deg}: {refused:?}");
             };

@@ -16,7 +16,7 @@ use super::sensor_change::{SensorChange, find_sensor_change};
 use super::sensor_failure::{SensorFailure, find_sensor_failure};
 use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
-use crate::replay::replay_run::replay_rows_of_flight;
+use crate::replay::replay_run::replay_rows;
 use crate::replay::result::{EarthFieldPrior, HeadingScore, ReplayResult, RowSelection};
 use crate::replay::row::{ReplayRow, split_at_time};
 use crate::replay::rows::{RowCounts, build_rows};
@@ -245,7 +245,7 @@ impl SharedInputs<'_> {
         let module_result = self
             .evaluation_options
             .compared_module
-            .map(|selection| replay_rows_of_flight(&rows, Some(self.flight), selection, &self.prior));
+            .map(|selection| replay_rows(&rows, Some(self.flight), selection, &self.prior));
         CompassEvaluation {
             compass_number: compass.compass_number,
             is_used_for_heading: compass.is_used_for_heading,

@@ -12,14 +12,9 @@ use super::row_headings::{compute_headings, estimate_heading, instrument_config,
 use super::row_solve::{is_determined, solve_evenly_thinned, solve_retained_samples, solver_prior};
 use crate::log::LoggedFlight;
 
-/// Replays rows, in order of time, without attitudes between them.
+/// Replays rows, in order of time, with the flight's attitudes between them.
 #[must_use]
-pub fn replay_rows(rows: &[ReplayRow], selection: RowSelection, prior: &EarthFieldPrior) -> ReplayResult {
-    replay_rows_of_flight(rows, None, selection, prior)
-}
-
-/// Replays rows with the flight's attitudes between them.
-pub fn replay_rows_of_flight(
+pub fn replay_rows(
     rows: &[ReplayRow],
     flight: Option<&LoggedFlight>,
     selection: RowSelection,

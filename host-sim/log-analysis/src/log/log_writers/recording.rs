@@ -67,12 +67,6 @@ impl FlightSample {
 }
 
 impl FlightRecording {
-    /// Creates an empty recording with a field latency.
-    #[must_use]
-    pub fn with_field_latency(latency_s: f64) -> Self {
-        Self { field_latency_s: latency_s, ..Self::default() }
-    }
-
     /// The recording with other parameters of the autopilot.
     #[must_use]
     pub fn with_parameters(self, parameters: &[(&str, f64)]) -> Self {

@@ -1,12 +1,17 @@
 use super::*;
 
+/// The flight in DataFlash text.
+fn ardupilot_text() -> String {
+    String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap()
+}
+
 /// Before 2017 CURR had integer hundredths of an ampere; before 2015 text and events had no stamp.
 #[test]
 fn old_ardupilot_formats_are_read() {
     let original = two_compass_recording(&ARDUPILOT_PARAMETERS);
     let expected = |t_s: f64| 10.0 + (t_s - 40.0) / 10.0;
     let mut lines = Vec::new();
-    for line in String::from_utf8(encode_dataflash_text(&original)).unwrap().lines() {
+    for line in ardupilot_text().lines() {
         let values: Vec<&str> = line.split(", ").collect();
         lines.push(match values[..] {
             ["FMT", .., "BAT", _, _] | ["FMT", _, _, "BAT", ..] => {
@@ -46,9 +51,7 @@ fn old_ardupilot_formats_are_read() {
 /// Moving baseline: the receiver of the second antenna has the heading, the first the position.
 #[test]
 fn the_heading_of_a_second_receiver_is_read() {
-    let recording = two_compass_recording(&ARDUPILOT_PARAMETERS);
-    let log = String::from_utf8(encode_dataflash_text(&recording)).unwrap();
-    let with_yaw = log.replace(
+    let with_yaw = ardupilot_text().replace(
         "QBBIHLLeff, TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs",
         "QBBIHLLefff, \
         TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,Yaw",
@@ -74,7 +77,7 @@ fn the_heading_of_a_second_receiver_is_read() {
 /// Until 2021 arming was a generic event: manual (10) or automatic (15).
 #[test]
 fn arming_events_give_the_armed_state() {
-    let log = String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap();
+    let log = ardupilot_text();
     let events = [(72, 10), (74, 11), (76, 15), (78, 25), (80, 11)];
     let events = events.map(|(at_s, id)| format!("EV, {at_s}000000, {id}\n")).concat();
     let flight = read_bytes(format!("{log}FMT, 71, 12, EV, QB, TimeUS,Id\n{events}").as_bytes()).unwrap();
@@ -84,7 +87,7 @@ fn arming_events_give_the_armed_state() {
 
 #[test]
 fn only_the_first_of_several_sensors_is_used() {
-    let log = String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap();
+    let log = ardupilot_text();
     let further_messages = [
         "IMU, 70000000, 1, 9, 9, 9",
         "GPS, 70000000, 1, 3, 0, 2400, 11, 22, 33, 9, 9",
@@ -127,7 +130,7 @@ fn with_exchanged_slots(parameters: &[(&str, f64)]) -> Vec<(String, f64)> {
 fn a_compass_is_corrected_by_the_parameters_of_its_slot() {
     let original = two_compass_recording(&ARDUPILOT_PARAMETERS);
     let exchanged = with_exchanged_slots(&ARDUPILOT_PARAMETERS);
-    let mut text = String::from_utf8(encode_dataflash_text(&original)).unwrap();
+    let mut text = ardupilot_text();
     for (name, value) in &ARDUPILOT_PARAMETERS {
         text = text.replacen(&format!(", {name}, {value}, "), &format!(", @{name}, {value}, "), 1);
     }
@@ -161,7 +164,7 @@ fn a_compass_is_corrected_by_the_parameters_of_its_slot() {
 /// The test ratio of the filter's first core, and texts about compasses.
 #[test]
 fn the_autopilots_own_judgement_of_the_magnetometer_is_read() {
-    let log = String::from_utf8(encode_dataflash_text(&two_compass_recording(&ARDUPILOT_PARAMETERS))).unwrap();
+    let log = ardupilot_text();
     let rows = "FMT, 90, 21, XKF4, QBf, TimeUS,C,SM\nXKF4, 70000000, 0, 0.4\nXKF4, 70000000, 1, 7\nXKF4, 70100000, 0, 1.5\n\
                 MSG, 70200000, EKF3 IMU0 ground mag anomaly, yaw re-aligned\nMSG, 70300000, Throttle armed\n";
     let flight = read_bytes(format!("{log}{rows}").as_bytes()).unwrap();

@@ -1,6 +1,7 @@
 //! Search for a load with a constant period in the residual field.
 
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -41,11 +42,8 @@ pub(super) struct SpectralLine {
 /// Real and imaginary part of three signals at a frequency.
 type Transform = [Vector3<f64>; 2];
 
-/// A part of the flight without gaps: times and row indices.
-struct Segment {
-    first: usize,
-    last: usize,
-}
+/// Indices of the rows of a part of the flight without gaps.
+type Segment = RangeInclusive<usize>;
 
 /// The strongest significant line of the residuals that no motion of the aircraft shows.
 pub(super) fn find_line(
@@ -55,7 +53,7 @@ pub(super) fn find_line(
     min_sigmas: f64,
 ) -> Option<SpectralLine> {
     let segments = segments(rows);
-    let shortest_s = segments.iter().map(|part| rows[part.last].t_s - rows[part.first].t_s).reduce(f64::min)?;
+    let shortest_s = segments.iter().map(|part| duration_s(rows, part)).reduce(f64::min)?;
     let row_interval_s = median(rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s));
     let longest_s = PERIODS_S[1].min(shortest_s / MIN_PERIODS_PER_SEGMENT);
     let shortest_period_s = PERIODS_S[0].max(MIN_ROWS_PER_PERIOD * row_interval_s);
@@ -118,24 +116,28 @@ fn segments(rows: &[ReplayRow]) -> Vec<Segment> {
             .get(last + 1)
             .is_none_or(|next| next.t_s - rows[last].t_s > MAX_GAP_S || next.t_s - rows[first].t_s > MAX_SEGMENT_S);
         if ends {
-            if rows[last].t_s - rows[first].t_s >= MIN_SEGMENT_S {
-                found.push(Segment { first, last });
-            }
+            found.push(first..=last);
             first = last + 1;
         }
     }
     // Short remainders would limit the period of all.
-    let longest_s = found.iter().map(|part| rows[part.last].t_s - rows[part.first].t_s).fold(0.0, f64::max);
-    found.retain(|part| rows[part.last].t_s - rows[part.first].t_s >= longest_s / 2.0);
-    let row_count: usize = found.iter().map(|part| part.last - part.first + 1).sum();
+    let longest_s = found.iter().map(|part| duration_s(rows, part)).fold(0.0, f64::max);
+    found.retain(|part| duration_s(rows, part) >= MIN_SEGMENT_S.max(longest_s / 2.0));
+    let row_count: usize = found.iter().map(|part| part.clone().count()).sum();
     let stride = row_count.div_ceil(MAX_ROWS).max(1);
     found.into_iter().step_by(stride).collect()
 }
 
+fn duration_s(rows: &[ReplayRow], part: &Segment) -> f64 {
+    rows[*part.end()].t_s - rows[*part.start()].t_s
+}
+
 /// Inverse of the normal matrix of one phase of a sine.
 fn inverse_weight(directions: &[Vector3<f64>], part: &Segment) -> Option<Matrix3<f64>> {
-    let sum: Matrix3<f64> =
-        directions[2 * part.first..=2 * part.last + 1].iter().map(|direction| direction * direction.transpose()).sum();
+    let sum: Matrix3<f64> = directions[2 * part.start()..=2 * part.end() + 1]
+        .iter()
+        .map(|direction| direction * direction.transpose())
+        .sum();
     let floor = sum.trace() * 1e-3;
     (sum / 2.0 + Matrix3::identity() * floor).try_inverse()
 }
@@ -148,9 +150,9 @@ fn transform(
 ) -> Vec<Transform> {
     let mut sums = vec![[Vector3::zeros(); 2]; frequencies_hz.len()];
     let (Some(first_hz), step_hz) = (frequencies_hz.first(), step_of(frequencies_hz)) else { return sums };
-    let duration_s = rows[part.last].t_s - rows[part.first].t_s;
-    for i in part.first..=part.last {
-        let t_s = rows[i].t_s - rows[part.first].t_s;
+    let duration_s = duration_s(rows, part);
+    for i in part.clone() {
+        let t_s = rows[i].t_s - rows[*part.start()].t_s;
         let value = signal(i) * (1.0 - libm::cos(TAU * t_s / duration_s));
         let (mut sin, mut cos) = libm::sincos(TAU * first_hz * t_s);
         let (step_sin, step_cos) = libm::sincos(TAU * step_hz * t_s);

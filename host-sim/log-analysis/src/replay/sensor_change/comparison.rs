@@ -187,18 +187,8 @@ impl Comparison {
         objectives.fold(f64::INFINITY, f64::min)
     }
 
-    fn fit_of(&self, hypothesis: Hypothesis) -> Option<&ChangeFit> {
-        self.fits.iter().find(|fitted| fitted.hypothesis == hypothesis).map(|fitted| &fitted.fit)
-    }
-
-    fn is_iron_balanced(&self) -> bool {
-        self.fit_of(Hypothesis::HardIron).is_some_and(|iron| is_balanced(&self.rows, iron))
-    }
-
-    /// Negative log evidence of a hypothesis; infinite if it is not compared.
-    fn cost(&self, hypothesis: Hypothesis) -> f64 {
-        let fitted = self.fits.iter().find(|fitted| fitted.hypothesis == hypothesis);
-        fitted.map_or(f64::INFINITY, |fitted| fitted.negative_log_evidence)
+    fn fit_of(&self, hypothesis: Hypothesis) -> Option<&FittedHypothesis> {
+        self.fits.iter().find(|fitted| fitted.hypothesis == hypothesis)
     }
 
     /// The most probable change of the sensor.
@@ -217,16 +207,18 @@ impl Comparison {
     /// The change of the sensor at a time, if there is sufficient evidence.
     pub fn decide(&self, time_s: f64) -> Option<SensorChange> {
         let best = self.best_sensor_fit()?;
-        let evidence = |other: Hypothesis| self.cost(other) - best.negative_log_evidence;
+        let [unchanged, iron] = [Hypothesis::Unchanged, Hypothesis::HardIron].map(|other| self.fit_of(other));
+        let (unchanged, iron) = (unchanged?, iron?);
+        let evidence = |other: &FittedHypothesis| other.negative_log_evidence - best.negative_log_evidence;
         let min_against_iron = match best.hypothesis {
             Hypothesis::Registers => MIN_EVIDENCE_OF_REGISTERS,
             Hypothesis::AxisGain(_) => MIN_EVIDENCE_OF_AXIS_GAIN,
             _ => MIN_EVIDENCE_OF_GAIN,
         };
-        let is_evident = evidence(Hypothesis::Unchanged) > MIN_EVIDENCE
-            && evidence(Hypothesis::HardIron) > min_against_iron
-            && self.is_fitted(&best.fit)
-            && (best.hypothesis != Hypothesis::Registers || !self.is_iron_balanced());
+        let is_evident = evidence(unchanged) > MIN_EVIDENCE
+            && evidence(iron) > min_against_iron
+            && self.is_fitted(&best.fit, &unchanged.fit)
+            && (best.hypothesis != Hypothesis::Registers || !is_balanced(&self.rows, &iron.fit));
         let factors = self.factors(&best.fit);
         (is_evident && is_large(best.hypothesis, &factors)).then_some(SensorChange {
             time_s,
@@ -236,11 +228,9 @@ impl Comparison {
     }
 
     /// Whether a hypothesis explains most of the misfit, and fits both sides equally well.
-    fn is_fitted(&self, fit: &ChangeFit) -> bool {
+    fn is_fitted(&self, fit: &ChangeFit, unchanged: &ChangeFit) -> bool {
         let misfit = |fit: &ChangeFit| fit.negative_log_likelihood(&self.rows, &self.scales) - self.separate_likelihood;
-        let unchanged = self.fit_of(Hypothesis::Unchanged);
-        is_balanced(&self.rows, fit)
-            && unchanged.is_some_and(|unchanged| misfit(fit) < MAX_REMAINING_MISFIT * misfit(unchanged))
+        is_balanced(&self.rows, fit) && misfit(fit) < MAX_REMAINING_MISFIT * misfit(unchanged)
     }
 
     /// Ratios of the readings after the change to those before it, by axis.

@@ -6,6 +6,8 @@
 
 mod comparison;
 
+use nalgebra::Vector5;
+
 use super::hard_iron_changes::LoggedHardIronChange;
 use crate::log::FieldCorrection;
 use crate::numbers::square;
@@ -84,51 +86,26 @@ fn candidate_times_s(rows: &[ReplayRow], initial: &FieldCorrection) -> Vec<f64> 
 /// Time that divides the rows into two parts of the least scatter about their own means of strength and vertical
 /// component, seconds.
 fn change_of_scatter_s(rows: &[ReplayRow], correction: &FieldCorrection) -> Option<f64> {
-    let residuals = |row: &ReplayRow| {
+    let sums_of = |row: &ReplayRow| {
         let field = row.corrected_field(correction);
-        [field.norm(), row.down_in_body().dot(&field)]
+        let (strength_ut, vertical_ut) = (field.norm(), row.down_in_body().dot(&field));
+        Vector5::new(1.0, strength_ut, vertical_ut, square(strength_ut), square(vertical_ut))
     };
-    let sums_to: Vec<ScatterSums> = rows
-        .iter()
-        .scan(ScatterSums::default(), |sums, row| Some(std::mem::replace(sums, sums.with_row(residuals(row)))))
-        .collect();
-    let total = sums_to.last()?.with_row(residuals(rows.last()?));
-    let cost = |i: usize| sums_to[i].cost() + total.less(&sums_to[i]).cost();
+    let add_row = |sums: &mut Vector5<f64>, row: &ReplayRow| Some(std::mem::replace(sums, *sums + sums_of(row)));
+    let sums_to: Vec<Vector5<f64>> = rows.iter().scan(Vector5::zeros(), add_row).collect();
+    let total = sums_to.last()? + sums_of(rows.last()?);
+    let cost = |i: usize| scatter_cost(&sums_to[i]) + scatter_cost(&(total - sums_to[i]));
     let divisions = MIN_ROWS_PER_SIDE..rows.len().saturating_sub(MIN_ROWS_PER_SIDE);
     divisions.min_by(|a, b| cost(*a).total_cmp(&cost(*b))).map(|i| rows[i].t_s)
 }
 
-/// Sums over rows, of strength and vertical component.
-#[derive(Clone, Copy, Default)]
-struct ScatterSums {
-    count: f64,
-    sums_ut: [f64; 2],
-    squares_ut2: [f64; 2],
-}
-
-impl ScatterSums {
-    fn with_row(&self, residuals_ut: [f64; 2]) -> Self {
-        Self {
-            count: self.count + 1.0,
-            sums_ut: [0, 1].map(|i| self.sums_ut[i] + residuals_ut[i]),
-            squares_ut2: [0, 1].map(|i| self.squares_ut2[i] + square(residuals_ut[i])),
-        }
-    }
-
-    fn less(&self, other: &Self) -> Self {
-        Self {
-            count: self.count - other.count,
-            sums_ut: [0, 1].map(|i| self.sums_ut[i] - other.sums_ut[i]),
-            squares_ut2: [0, 1].map(|i| self.squares_ut2[i] - other.squares_ut2[i]),
-        }
-    }
-
-    /// Negative log-likelihood of normally distributed rows about their mean.
-    fn cost(&self) -> f64 {
-        let variance = |i: usize| self.squares_ut2[i] / self.count - square(self.sums_ut[i] / self.count);
-        let logs = [0, 1].map(|i| libm::log(variance(i).max(square(MIN_SCATTER_UT))));
-        self.count * (logs[0] + logs[1])
-    }
+/// Negative log-likelihood of normally distributed rows about their mean, by their number and the sums and sums of squares
+/// of both components.
+fn scatter_cost(sums: &Vector5<f64>) -> f64 {
+    let count = sums[0];
+    let variance = |i: usize| sums[2 + i] / count - square(sums[i] / count);
+    let logs = [1, 2].map(|i| libm::log(variance(i).max(square(MIN_SCATTER_UT))));
+    count * (logs[0] + logs[1])
 }
 
 #[cfg(test)]

@@ -58,14 +58,10 @@ impl Change {
 
 /// From a tenth to nine tenths of the flight, which is straight in its last tenth.
 #[test]
-fn a_change_of_the_gain_of_all_axes_is_found_with_its_factor() {
+fn a_changed_gain_axis_or_register_is_found_with_its_factors() {
     for (at_s, factor) in [(26.0, 1.19), (50.0, 0.84), (120.0, 1.05), (120.0, 0.7), (190.0, 1.19), (190.0, 0.95)] {
         gain(at_s, factor).assert_found(Some(Hypothesis::Gain));
     }
-}
-
-#[test]
-fn a_changed_axis_and_a_reset_of_registers_are_found() {
     for (factors, offset_ut, expected) in [
         ([1.0, -1.0, 1.0], [0.0; 3], Hypothesis::AxisGain(1)),
         ([1.0, 1.0, -1.0], [0.0; 3], Hypothesis::AxisGain(2)),
@@ -76,8 +72,10 @@ fn a_changed_axis_and_a_reset_of_registers_are_found() {
     }
 }
 
+/// On the single heading of the last 25 s, iron along an axis resembles a gain of that axis, and a small gain resembles
+/// iron. An axis that is constant has no gain; another warning names it.
 #[test]
-fn an_untouched_flight_and_steps_of_hard_iron_are_no_change_of_the_sensor() {
+fn what_hard_iron_or_a_stuck_axis_explains_is_no_change_of_the_sensor() {
     for change in [
         iron(120.0, [0.0; 3]),
         iron(26.0, [6.0, -4.0, 3.0]),
@@ -86,16 +84,11 @@ fn an_untouched_flight_and_steps_of_hard_iron_are_no_change_of_the_sensor() {
         iron(120.0, [0.0, 0.0, -8.0]),
         iron(190.0, [-20.0, 10.0, 20.0]),
         iron(214.0, [0.0, 6.0, 0.0]),
+        iron(214.0, [6.0, 0.0, 0.0]),
+        iron(214.0, [0.0, 0.0, 6.0]),
+        gain(214.0, 1.02),
+        Change { at_s: 120.0, factors: [1.0, 0.0, 1.0], offset_ut: [0.0, 12.0, 0.0] },
     ] {
-        change.assert_found(None);
-    }
-}
-
-/// On the single heading of the last 25 s, iron along an axis resembles a gain of that axis, and a small gain resembles
-/// iron.
-#[test]
-fn a_change_that_a_single_heading_does_not_determine_is_no_change_of_the_sensor() {
-    for change in [iron(214.0, [6.0, 0.0, 0.0]), iron(214.0, [0.0, 0.0, 6.0]), gain(214.0, 1.02)] {
         change.assert_found(None);
     }
 }
@@ -117,12 +110,6 @@ fn small_and_infinite_gains_are_no_changes() {
     ] {
         assert_eq!(is_large(hypothesis, &Vector3::from(factors)), is_change, "{hypothesis:?} {factors:?}");
     }
-}
-
-/// An axis that is constant has no gain; another warning names it.
-#[test]
-fn a_stuck_axis_is_no_change_of_a_gain() {
-    Change { at_s: 120.0, factors: [1.0, 0.0, 1.0], offset_ut: [0.0, 12.0, 0.0] }.assert_found(None);
 }
 
 /// Evaluation of the flown turns with the readings of a time on multiplied by a factor.

@@ -198,7 +198,7 @@ fn a_configured_inclination_is_used_by_the_solver_and_its_trial_solves() {
         for (off_deg, is_accepted) in [(-12.0, false), (-2.0, true), (0.0, true), (2.0, true), (12.0, false)] {
             let inclination_deg = Some(flown_inclination_deg(&compass) + off_deg);
             let prior = EarthFieldPrior { inclination_deg, place_and_day: None };
-            let result = replay_rows(&compass.rows, selected, &prior);
+            let result = replay_rows(&compass.rows, None, selected, &prior);
             assert_eq!(result.outcome.acceptance.is_ok(), is_accepted, "{selected:?} {off_deg}");
             let is_ended_by_module = selected == RowSelection::Flight && result.outcome.collection_end_s.is_some();
             assert_eq!(is_ended_by_module, selected == RowSelection::Flight && is_accepted, "{selected:?} {off_deg}");
@@ -225,7 +225,7 @@ fn a_contradicted_model_inclination_is_dropped() {
     let found_deg = flown_inclination_deg(&compass);
     for selected in [RowSelection::All, RowSelection::Turns, RowSelection::Flight] {
         let without_place = EarthFieldPrior::default();
-        let run_replay = |prior: EarthFieldPrior| replay_rows(&compass.rows, selected, &prior);
+        let run_replay = |prior: EarthFieldPrior| replay_rows(&compass.rows, None, selected, &prior);
         let expected_deg =
             |replay_result: &ReplayResult| replay_result.outcome.solution.unwrap().quality.expected_rms_deg;
         let [there, elsewhere] = [0.0, 12.0].map(|off_deg| EarthFieldPrior {
