@@ -12,6 +12,9 @@ use super::parameters::ParameterHistory;
 /// ArduPilot has calibration parameters of three compasses.
 pub(crate) const ARDUPILOT_SLOTS: std::ops::RangeInclusive<u8> = 1..=3;
 
+/// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
+pub(super) const PX4_INDICES: [u8; 4] = [0, 1, 2, 3];
+
 /// Largest difference between logged offsets, which are truncated to whole milligauss, and their parameters.
 pub(super) const MAX_OFFSET_ROUNDING_MG: f64 = 1.5;
 

@@ -268,7 +268,7 @@ impl LoggedFlight {
         let Self { compasses, parameters, autopilot, .. } = self;
         let is_px4 = *autopilot == AutopilotKind::Px4;
         let body_from_sensor = orientation.body_from_sensor().map(f64::from);
-        let (rotation, _) = NumberedRotation::nearest_to_matrix(&body_from_sensor);
+        let rotation = NumberedRotation::nearest_to_matrix(&body_from_sensor);
         for compass in compasses
             .iter_mut()
             .filter(|compass| compass_number.is_none_or(|compass_number| compass_number == compass.compass_number))

@@ -65,13 +65,6 @@ pub enum FieldProcessing {
     Unknown(UnknownSlot),
 }
 
-impl FieldProcessing {
-    /// Whether the autopilot corrects the field by parameters of the compass's slot.
-    const fn is_corrected(self) -> bool {
-        matches!(self, Self::ArduPilot | Self::Px4(_) | Self::Px4SensorRaw(_))
-    }
-}
-
 impl FlightBuilder {
     pub fn new(format: LogFormat) -> Self {
         Self { flight: LoggedFlight::new(format), ..Self::default() }
@@ -426,7 +419,8 @@ fn undo_correction(
     mut field: Series<6>,
 ) -> (Option<FieldCorrection>, Series<6>) {
     let parameters = &flight.parameters;
-    let (Some(slot), true) = (slot.ok(), field_processing.is_corrected()) else {
+    let is_known = !matches!(field_processing, FieldProcessing::BodyRaw | FieldProcessing::Unknown(_));
+    let Some(slot) = slot.ok().filter(|_| is_known) else {
         for row in field.rows_mut() {
             let [x, y, z, ..] = row.row_values;
             row.row_values = [x, y, z, x, y, z];

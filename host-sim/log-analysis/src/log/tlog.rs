@@ -11,7 +11,7 @@ use mavlink_dialect::{
     SCALED_IMU_DATA, SCALED_IMU2_DATA, SCALED_IMU3_DATA, SERVO_OUTPUT_RAW_DATA, calculate_crc,
 };
 
-use super::compass_slot::UnknownSlot;
+use super::compass_slot::{PX4_INDICES, UnknownSlot};
 use super::flight::{AutopilotKind, Gps, LogFormat, LoggedFlight};
 use super::flight_builder::{FieldProcessing, FlightBuilder};
 use super::load::{LoadRows, LoadSource};
@@ -26,9 +26,6 @@ const HEADER_LENGTH_V2: usize = 10;
 const CHECKSUM_LENGTH: usize = 2;
 const SIGNATURE_LENGTH: usize = 13;
 const MAX_FRAME_LENGTH: usize = HEADER_LENGTH_V2 + 255 + CHECKSUM_LENGTH + SIGNATURE_LENGTH;
-
-/// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
-const MAX_PX4_COMPASSES: u8 = 4;
 
 const MAX_START_SEARCH_BYTES: usize = 4096;
 
@@ -253,7 +250,7 @@ impl TlogReader {
         let parameters = &self.builder.flight.parameters;
         let is_calibrated =
             |index: &u8| parameters.last_value(&format!("CAL_MAG{index}_ID")).is_some_and(|id| id != 0.0);
-        let calibrated: Vec<u8> = (0..MAX_PX4_COMPASSES).filter(is_calibrated).collect();
+        let calibrated: Vec<u8> = PX4_INDICES.into_iter().filter(is_calibrated).collect();
         let logged: Vec<&Series<3>> = fields.iter().filter(|field| !field.is_empty()).collect();
         if let ([field], [index]) = (&*logged, &*calibrated) {
             for row in field.rows() {

@@ -1,10 +1,8 @@
 //! Assignment of magnetometer devices to compass numbers.
 
+use super::super::compass_slot::PX4_INDICES;
 use super::super::flight_builder::MAX_COMPASSES;
 use crate::log::parameters::ParameterHistory;
-
-/// PX4 has parameters `CAL_MAG0` to `CAL_MAG3`.
-const MAX_CALIBRATED_COMPASSES: u8 = 4;
 
 /// Sensors by topic instance and device id, with compass index from 0.
 #[derive(Default)]
@@ -27,7 +25,7 @@ impl CompassAssignment {
         let primary = || parameters.last_value("CAL_MAG_PRIME").filter(|_| instance == 0);
         let known_id = if id == 0 { primary() } else { Some(f64::from(id)) };
         let owner = |index: u8| parameters.last_value(&format!("CAL_MAG{index}_ID")).filter(|id| *id != 0.0);
-        let named = (0..MAX_CALIBRATED_COMPASSES).find(|&index| known_id.is_some() && owner(index) == known_id);
+        let named = PX4_INDICES.into_iter().find(|&index| known_id.is_some() && owner(index) == known_id);
         let is_taken = |index: u8| self.0.iter().any(|&(_, used_index)| used_index == index);
         let is_free = |index: &u8| !is_taken(*index) && (id == 0 || owner(*index).is_none());
         let index = named.or_else(|| (instance..MAX_COMPASSES).chain(0..instance.min(MAX_COMPASSES)).find(is_free))?;

@@ -41,18 +41,17 @@ pub(super) fn is_change_possible(
     let near = rows.iter().filter(|row| row.is_usable && (row.t_s - step.time_s).abs() < SEARCHED_S);
     let differences = near.filter_map(|row| {
         let heading = |correction| heading_deg(row, row.corrected_field(correction));
-        let is_after = row.t_s >= step.time_s;
-        let jump_deg = if is_after { wrap_180(heading(initial) - heading(&changed)) } else { 0.0 };
+        let t_s = row.t_s - step.time_s;
+        let jump_deg = if t_s >= 0.0 { wrap_180(heading(initial) - heading(&changed)) } else { 0.0 };
         let (part, turn_deg) = match row.reference_deg {
             Some(reference_deg) => (usize::MAX, reference_deg),
             None => turns.part_and_heading_rad(row.t_s).map(|(part, rad)| (part, rad.to_degrees()))?,
         };
         let heading_deg = heading(initial);
-        let t_s = row.t_s - step.time_s;
-        Some(Difference { t_s, part, heading_deg, deg: heading_deg - turn_deg, jump_deg, is_after })
+        Some(Difference { t_s, part, heading_deg, deg: heading_deg - turn_deg, jump_deg })
     });
     let differences: Vec<Difference> = differences.collect();
-    let sides = [false, true].map(|is_after| differences.iter().filter(|row| row.is_after == is_after).count());
+    let sides = [false, true].map(|is_after| differences.iter().filter(|row| (row.t_s >= 0.0) == is_after).count());
     let is_one_part = differences.windows(2).all(|pair| pair[0].part == pair[1].part);
     if sides.iter().any(|count| *count < MIN_ROWS) || !is_one_part {
         return sectors.iter().all(HeadingSectors::are_judged);
@@ -71,7 +70,6 @@ struct Difference {
     deg: f64,
     /// Expected jump of the heading, degrees.
     jump_deg: f64,
-    is_after: bool,
 }
 
 /// Least-squares fraction of the expected jump, with a constant, an offset of the rates and the deviation that the

@@ -50,14 +50,11 @@ fn rows_with_added_iron(bank_deg: f32, added_iron_ut: f32, has_added_iron: impl 
 }
 
 /// Jumps before and after the times that the correction fits, seconds.
-fn jumps_by_correction(correction: FieldCorrection, fitted_range_s: [f64; 2], rows: &[ReplayRow]) -> Vec<HardIronStep> {
+fn jumps_outside(fitted_range_s: [f64; 2], rows: &[ReplayRow]) -> Vec<HardIronStep> {
     let vertical_ut = f64::from(STRENGTH_UT * libm::sinf(INCLINATION_DEG.to_radians()));
     let earth_total_and_vertical_ut = [STRENGTH_UT.into(), vertical_ut];
+    let correction = FieldCorrection::identity();
     find_jumps(rows, &FittedCorrection { correction, fitted_range_s, earth_total_and_vertical_ut })
-}
-
-fn jumps_outside(fitted_range_s: [f64; 2], rows: &[ReplayRow]) -> Vec<HardIronStep> {
-    jumps_by_correction(FieldCorrection::identity(), fitted_range_s, rows)
 }
 
 fn jumps_found_in(rows: &[ReplayRow]) -> Vec<HardIronStep> {

@@ -20,10 +20,6 @@ use crate::score::BAD_COMPASS_RMS_DEG;
 /// Minimum number of usable rows for a judgement: 12 s at the 2 Hz of telemetry.
 const MIN_ROWS: usize = 25;
 
-/// A heading that swings by so much while the aircraft hardly turns is bad, degrees RMS: twice a bad compass's error,
-/// since tilts and accelerations turn it, too.
-const MIN_SWING_DEG: f64 = 2.0 * BAD_COMPASS_RMS_DEG;
-
 /// Error of a compass as logged, since the last change of hard iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoggedAccuracy {
@@ -115,16 +111,9 @@ fn by_reference(evaluation: &FlightEvaluation, rows: &[ReplayRow]) -> Option<Log
     Some(LoggedAccuracy { rms_deg: score.rms_deg, sector_count, evidence: AccuracyEvidence::Reference })
 }
 
-/// Error by the body rates; without a turn only that of a heading which swings.
 fn by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<LoggedAccuracy> {
-    let comparison = rate_comparison::compare_with_rates(flight, rows)?;
-    let is_judged = comparison.has_turned || comparison.rms_deg.min(comparison.swing_deg) > MIN_SWING_DEG;
-    let sector_count = comparison.sectors.flown_count();
-    is_judged.then_some(LoggedAccuracy {
-        rms_deg: comparison.rms_deg,
-        sector_count,
-        evidence: AccuracyEvidence::BodyRates,
-    })
+    let (rms_deg, sectors) = rate_comparison::error_by_rates(flight, rows)?;
+    Some(LoggedAccuracy { rms_deg, sector_count: sectors.flown_count(), evidence: AccuracyEvidence::BodyRates })
 }
 
 fn by_scatter(

@@ -13,7 +13,7 @@ use crate::numbers::{mean, square};
 use crate::replay::data_loss::measured_turns;
 use crate::replay::flown_headings::HeadingSectors;
 use crate::replay::row::ReplayRow;
-use crate::score::wrap_180;
+use crate::score::{BAD_COMPASS_RMS_DEG, wrap_180};
 
 /// Longest window, seconds: the drift of a micromachined gyro in it is below a degree.
 const WINDOW_S: f64 = 60.0;
@@ -34,21 +34,12 @@ const SHARED_UNKNOWNS: usize = 8;
 /// These, and the start and the drift of a window.
 const UNKNOWNS: usize = SHARED_UNKNOWNS + 2;
 
+/// A heading that swings by so much while the aircraft hardly turns is bad, degrees RMS: twice a bad compass's error,
+/// since tilts and accelerations turn it, too.
+const MIN_SWING_DEG: f64 = 2.0 * BAD_COMPASS_RMS_DEG;
+
 /// The deviation's argument is the true heading, of which the first iteration has only the compass's.
 const ITERATIONS: usize = 3;
-
-/// Heading error as logged by the body rates.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct RateComparison {
-    /// Error less its mean, degrees RMS.
-    pub rms_deg: f64,
-    /// Whether a window turned.
-    pub has_turned: bool,
-    /// Swing of the heading beyond that of the turn, degrees RMS.
-    pub swing_deg: f64,
-    /// Headings that turns relate to each other.
-    pub sectors: HeadingSectors,
-}
 
 /// Row of a window.
 struct WindowRow {
@@ -60,21 +51,19 @@ struct WindowRow {
     difference_deg: f64,
 }
 
-/// Compares the heading as logged with the body rates; none if too little is logged.
-pub(super) fn compare_with_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<RateComparison> {
+/// Error of the heading as logged about its mean, degrees RMS, and the headings that turns relate to each other; none if
+/// too little is logged, and without a turn unless the heading swings.
+pub(super) fn error_by_rates(flight: &LoggedFlight, rows: &[ReplayRow]) -> Option<(f64, HeadingSectors)> {
     let windows = fit_windows(windows(rows, &measured_turns(flight)))?;
     let has_turned = windows.iter().any(FittedWindow::has_turned);
     // The mean error of a window is not known, and a window without a turn shows noise alone.
     let judged = || windows.iter().filter(|window| window.has_turned() || !has_turned);
     let row_count: usize = judged().map(|window| window.rows.len()).sum();
     let rms = |squares: &dyn Fn(&FittedWindow) -> f64| (judged().map(squares).sum::<f64>() / row_count as f64).sqrt();
+    let rms_deg = rms(&|window| squares_about_mean(&window.errors_deg));
+    let swing_deg = rms(&|window| excess_swing_squares(&window.rows));
     let sectors = judged().filter(|_| has_turned).flat_map(FittedWindow::headings_deg).collect();
-    Some(RateComparison {
-        rms_deg: rms(&|window| squares_about_mean(&window.errors_deg)),
-        has_turned,
-        swing_deg: rms(&|window| excess_swing_squares(&window.rows)),
-        sectors,
-    })
+    (has_turned || rms_deg.min(swing_deg) > MIN_SWING_DEG).then_some((rms_deg, sectors))
 }
 
 /// A window with its errors.
@@ -134,22 +123,15 @@ fn excess_swing_squares(window: &[WindowRow]) -> f64 {
     (squares_about_mean(&headings_deg) - squares_about_mean(&turns_deg)).max(0.0)
 }
 
-/// Row with its heading as logged and its integrated turn, degrees.
-struct TurnedRow {
-    t_s: f64,
-    turn_deg: f64,
-    heading_deg: f64,
-    part: usize,
-}
-
 /// Usable rows in windows without a gap of the rates.
 fn windows(rows: &[ReplayRow], turns: &HeadingIntegral) -> Vec<Vec<WindowRow>> {
     let usable = rows.iter().filter(|row| row.is_usable && row.attitude.pitch_rad.abs() <= MAX_PITCH_RAD);
-    let turned: Vec<TurnedRow> = usable.filter_map(|row| turned_row(row, turns)).collect();
+    // With the part of the flight without a gap.
+    let turned: Vec<(usize, WindowRow)> = usable.filter_map(|row| turned_row(row, turns)).collect();
     let mut remaining = turned.as_slice();
     let mut windows = Vec::new();
-    while let Some(first) = remaining.first() {
-        let is_same = |row: &&TurnedRow| row.part == first.part && row.t_s - first.t_s < WINDOW_S;
+    while let Some((part, first)) = remaining.first() {
+        let is_same = |(other, row): &&(usize, WindowRow)| other == part && row.t_s - first.t_s < WINDOW_S;
         let (window, later) = remaining.split_at(remaining.iter().take_while(is_same).count());
         windows.push(window_rows(window));
         remaining = later;
@@ -158,22 +140,21 @@ fn windows(rows: &[ReplayRow], turns: &HeadingIntegral) -> Vec<Vec<WindowRow>> {
     windows
 }
 
-fn turned_row(row: &ReplayRow, turns: &HeadingIntegral) -> Option<TurnedRow> {
+/// Row with its time, turn and difference from any origin.
+fn turned_row(row: &ReplayRow, turns: &HeadingIntegral) -> Option<(usize, WindowRow)> {
     let (part, turn_rad) = turns.part_and_heading_rad(row.t_s)?;
-    let heading_deg = row.logged_heading_deg();
-    heading_deg.is_finite().then_some(TurnedRow { t_s: row.t_s, turn_deg: turn_rad.to_degrees(), heading_deg, part })
+    let turn_deg = turn_rad.to_degrees();
+    let difference_deg = row.logged_heading_deg() - turn_deg;
+    difference_deg.is_finite().then_some((part, WindowRow { t_s: row.t_s, turn_deg, difference_deg }))
 }
 
-fn window_rows(window: &[TurnedRow]) -> Vec<WindowRow> {
-    let (middle_s, first_deg) = match (window.first(), window.last()) {
-        (Some(first), Some(last)) => (f64::midpoint(first.t_s, last.t_s), first.turn_deg),
-        _ => return Vec::new(),
-    };
+fn window_rows(window: &[(usize, WindowRow)]) -> Vec<WindowRow> {
+    let [Some((_, first)), Some((_, last))] = [window.first(), window.last()] else { return Vec::new() };
+    let middle_s = first.t_s.midpoint(last.t_s);
     let mut last_deg = 0.0;
-    let rows = window.iter().map(|row| {
-        let turn_deg = row.turn_deg - first_deg;
-        last_deg += wrap_180(row.heading_deg - turn_deg - last_deg);
-        WindowRow { t_s: row.t_s - middle_s, turn_deg, difference_deg: last_deg }
+    let rows = window.iter().map(|(_, row)| {
+        last_deg += wrap_180(row.difference_deg + first.turn_deg - last_deg);
+        WindowRow { t_s: row.t_s - middle_s, turn_deg: row.turn_deg - first.turn_deg, difference_deg: last_deg }
     });
     rows.collect()
 }

@@ -41,10 +41,9 @@ impl ExportInputs<'_> {
     /// that which loses least.
     pub fn export_simplest(&self, calibration: &Calibration) -> Option<(OrientationKind, ExportedCorrection)> {
         let mut best: Option<(OrientationKind, ExportedCorrection)> = None;
-        let kinds = if self.terms == CorrectedTerms::All {
-            &OrientationKind::ALL_KINDS[..]
-        } else {
-            &[OrientationKind::Unchanged]
+        let kinds: &[OrientationKind] = match self.terms {
+            CorrectedTerms::All => &[OrientationKind::Unchanged, OrientationKind::Numbered, OrientationKind::Custom],
+            CorrectedTerms::Offsets | CorrectedTerms::Scale => &[OrientationKind::Unchanged],
         };
         for &kind in kinds {
             let Some(export) = self.export_correction(calibration, kind) else { continue };

@@ -101,12 +101,12 @@ impl ExportedOrientation {
         match (kind, parameters) {
             (OrientationKind::Unchanged, _) => Some(Self::unchanged()),
             (OrientationKind::Numbered, _) if format == ParameterFormat::Inav => {
-                let (numbered, _) = NumberedRotation::nearest_to_matrix(rotation);
+                let numbered = NumberedRotation::nearest_to_matrix(rotation);
                 Some(Self { rotation_from_logged: numbered.rotation_matrix(), parameters: None })
             }
             (_, Err(_)) => None,
             (OrientationKind::Numbered, Ok(parameters)) => {
-                let (numbered, _) = NumberedRotation::nearest_to_matrix(&parameters.orientation_matrix(rotation));
+                let numbered = NumberedRotation::nearest_to_matrix(&parameters.orientation_matrix(rotation));
                 Some(parameters.exported(SensorOrientation::Numbered(numbered)))
             }
             (OrientationKind::Custom, Ok(parameters)) => {
@@ -116,11 +116,6 @@ impl ExportedOrientation {
             }
         }
     }
-}
-
-impl OrientationKind {
-    /// All kinds, in the order of preference.
-    pub const ALL_KINDS: [Self; 3] = [Self::Unchanged, Self::Numbered, Self::Custom];
 }
 
 impl OrientationParameters {
