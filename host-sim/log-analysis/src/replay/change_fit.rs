@@ -23,6 +23,9 @@ const VERTICAL: usize = 16;
 const GAIN: usize = 17;
 const OFFSET: usize = 20;
 
+/// Number of unknowns of a fit without motor current and change: `W`, `b`, strength, vertical component.
+pub(super) const FIT_UNKNOWNS: usize = 14;
+
 /// Number of groups of residuals: strength and vertical component, of each side.
 const GROUPS: usize = 4;
 
@@ -111,10 +114,6 @@ impl FitRow {
     /// The row without its motor current, whose interference is known.
     pub fn less_interference(self, motor_ut_per_a: &Vector3<f64>) -> Self {
         Self { raw_ut: self.raw_ut - motor_ut_per_a * self.current_a, current_a: 0.0, ..self }
-    }
-
-    const fn on_other_side(self) -> Self {
-        Self { is_changed: !self.is_changed, ..self }
     }
 
     pub fn new(row: &ReplayRow, is_changed: bool) -> Self {
@@ -267,7 +266,8 @@ impl ChangeFit {
         let mut sum = 0.0;
         let sums = earlier.iter().enumerate().map(|(i, row)| {
             let of_earlier = self.negative_log_likelihood(&[*row], scales);
-            let of_later = self.negative_log_likelihood(&[row.on_other_side()], scales);
+            let on_other_side = FitRow { is_changed: !row.is_changed, ..*row };
+            let of_later = self.negative_log_likelihood(&[on_other_side], scales);
             let sum_before = sum;
             sum += of_earlier - of_later;
             (i, sum_before)
@@ -440,24 +440,38 @@ impl ChangeFit {
 
     /// Derivatives of both residuals by all unknowns.
     fn derivatives(&self, row: &FitRow) -> [SVector<f64, UNKNOWNS>; 2] {
-        let raw_ut = self.raw_less_iron_ut(row);
-        let field_ut = self.correction.matrix * raw_ut;
-        let directions = [field_ut.normalize(), row.down];
-        [0, 1].map(|residual_index| {
-            let direction = directions[residual_index];
-            let by_raw = self.correction.matrix.transpose() * direction;
-            let from_offset_ut = row.raw_ut - self.offset_ut;
+        let from_offset_ut = row.raw_ut - self.offset_ut;
+        residual_derivatives(&self.correction.matrix, self.raw_less_iron_ut(row), row.down).map(|by_fit| {
+            let by_iron = by_fit.fixed_rows::<3>(HARD_IRON);
             SVector::from_fn(|i, _| match i {
-                0..HARD_IRON => direction[i / 3] * raw_ut[i % 3],
-                HARD_IRON..MOTOR_CURRENT => -by_raw[i - HARD_IRON],
-                MOTOR_CURRENT..STRENGTH => -by_raw[i - MOTOR_CURRENT] * row.current_a,
-                STRENGTH | VERTICAL => -f64::from(u8::from(i == STRENGTH + residual_index)),
+                0..MOTOR_CURRENT => by_fit[i],
+                MOTOR_CURRENT..STRENGTH => by_iron[i - MOTOR_CURRENT] * row.current_a,
+                STRENGTH | VERTICAL => by_fit[MOTOR_CURRENT + i - STRENGTH],
                 _ if !row.is_changed => 0.0,
-                GAIN..OFFSET => by_raw[i - GAIN] * from_offset_ut[i - GAIN],
-                _ => -by_raw[i - OFFSET] * self.gain[i - OFFSET],
+                GAIN..OFFSET => -by_iron[i - GAIN] * from_offset_ut[i - GAIN],
+                _ => by_iron[i - OFFSET] * self.gain[i - OFFSET],
             })
         })
     }
+}
+
+/// Derivatives of strength and vertical component, less the Earth's, by `W`, `b`, and the Earth's strength and vertical
+/// component, at a raw field without hard iron.
+pub(super) fn residual_derivatives(
+    matrix: &Matrix3<f64>,
+    raw_ut: Vector3<f64>,
+    down: Vector3<f64>,
+) -> [SVector<f64, FIT_UNKNOWNS>; 2] {
+    let directions = [(matrix * raw_ut).normalize(), down];
+    [0, 1].map(|residual_index| {
+        let direction = directions[residual_index];
+        let by_raw = matrix.transpose() * direction;
+        SVector::from_fn(|i, _| match i {
+            0..HARD_IRON => direction[i / 3] * raw_ut[i % 3],
+            HARD_IRON..MOTOR_CURRENT => -by_raw[i - HARD_IRON],
+            _ => -f64::from(u8::from(i == MOTOR_CURRENT + residual_index)),
+        })
+    })
 }
 
 /// Adds the square of derivatives, many of them zero, to the lower triangle.

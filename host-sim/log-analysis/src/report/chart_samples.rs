@@ -51,7 +51,8 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
         .iter()
         .filter_map(|(name, column_value)| Some(((*name).to_owned(), Value::from(column(column_value)?))))
         .collect();
-    let kinds: String = rows.iter().map(|(_, sample)| sample.map_or('0', sample_code)).collect();
+    let kind = |sample: &ReportSample| u8::from(sample.is_usable) + 4 * u8::from(sample.is_heading_withheld);
+    let kinds: String = rows.iter().map(|(_, sample)| char::from(b'0' + sample.map_or(0, kind))).collect();
     let curves = |curves: &[DeviationCurve]| -> Vec<Value> {
         let curve = |curve: &DeviationCurve| {
             let errors: Vec<_> = curve.errors_deg.iter().map(|deg| deg.and_then(to_hundredths)).collect();
@@ -75,11 +76,6 @@ pub fn samples_json(compass: &CompassReport, error_name: &str) -> Value {
 
 fn to_hundredths(number: f64) -> Option<i64> {
     number.is_finite().then(|| (number * 100.0).round() as i64)
-}
-
-fn sample_code(sample: &ReportSample) -> char {
-    let bits = u8::from(sample.is_usable) + 4 * u8::from(sample.is_heading_withheld);
-    char::from(b'0' + bits)
 }
 
 /// Thins many samples to three per interval: the weakest and the strongest field, and the largest error.

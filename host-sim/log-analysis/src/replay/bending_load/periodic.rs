@@ -149,7 +149,8 @@ fn transform(
     frequencies_hz: &[f64],
 ) -> Vec<Transform> {
     let mut sums = vec![[Vector3::zeros(); 2]; frequencies_hz.len()];
-    let (Some(first_hz), step_hz) = (frequencies_hz.first(), step_of(frequencies_hz)) else { return sums };
+    let Some(first_hz) = frequencies_hz.first() else { return sums };
+    let step_hz = frequencies_hz.get(1).map_or(0.0, |second_hz| second_hz - first_hz);
     let duration_s = duration_s(rows, part);
     for i in part.clone() {
         let t_s = rows[i].t_s - rows[*part.start()].t_s;
@@ -163,13 +164,6 @@ fn transform(
         }
     }
     sums
-}
-
-fn step_of(frequencies_hz: &[f64]) -> f64 {
-    match frequencies_hz {
-        [first, second, ..] => second - first,
-        _ => 0.0,
-    }
 }
 
 fn power([real, imaginary]: &Transform, weight: &Matrix3<f64>) -> f64 {

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, RowVector4, Vector3};
 
 use crate::log::FieldCorrection;
 use crate::numbers::{SIGMAS_PER_MEDIAN, mean, median, rms, square};
+use crate::replay::change_fit::{FIT_UNKNOWNS, residual_derivatives};
 use crate::replay::parameter_fit::half_index_at;
 use crate::replay::row::ReplayRow;
 
@@ -254,7 +255,7 @@ impl LinearSystem {
             // A measured field has the disturbance, too, which its derivatives would explain.
             let field = earth_field(measured, down, earth_ut);
             let derivatives = residual_derivatives(&correction.matrix, inverse * field, down);
-            for (kind, direction) in residual_directions(field, down).into_iter().enumerate() {
+            for (kind, direction) in [field.normalize(), down].into_iter().enumerate() {
                 let at = 2 * i + kind;
                 (residuals[at], directions[at]) = (values[kind], direction);
                 let mut line = jacobian.row_mut(at);
@@ -331,29 +332,4 @@ fn attitude_derivatives(row: &ReplayRow, field: Vector3<f64>) -> [f64; 4] {
     let rates = row.rates_rad_s.map_or_else(Vector3::zeros, |rates| Vector3::from(rates).map(f64::from));
     let by_time = row.down_in_body().cross(&rates).dot(&field);
     [by_roll, by_pitch, by_roll * f64::from(row.attitude.roll_rad), by_time]
-}
-
-/// Number of unknowns of a fit: `W`, `b`, strength, vertical component.
-const FIT_UNKNOWNS: usize = 14;
-
-/// Directions in which a change of the corrected field changes the two residuals: along the field, and down.
-fn residual_directions(field: Vector3<f64>, down: Vector3<f64>) -> [Vector3<f64>; 2] {
-    [field.normalize(), down]
-}
-
-/// Derivatives of both residuals by the unknowns, at a raw field without hard iron.
-fn residual_derivatives(matrix: &Matrix3<f64>, raw: Vector3<f64>, down: Vector3<f64>) -> [DVector<f64>; 2] {
-    let directions = residual_directions(matrix * raw, down);
-    [0, 1].map(|residual_index| {
-        let direction = directions[residual_index];
-        let mut derivatives = DVector::zeros(FIT_UNKNOWNS);
-        for i in 0..3 {
-            for column_index in 0..3 {
-                derivatives[3 * i + column_index] = direction[i] * raw[column_index];
-            }
-        }
-        derivatives.rows_mut(9, 3).copy_from(&-(matrix.transpose() * direction));
-        derivatives[12 + residual_index] = -1.0;
-        derivatives
-    })
 }

@@ -155,7 +155,9 @@ impl<'a> JumpSearch<'a> {
         let rows: Vec<&ReplayRow> = rows.iter().filter(|row| row.is_usable).collect();
         let fields = rows.iter().map(|row| row.corrected_field(correction)).collect();
         let headings_rad = integrals(rows.iter().copied(), |row| row.heading_rate_rad_s().unwrap_or(0.0));
-        let rotation_sum_rad = integrals(rows.iter().copied(), rotation_rate_rad_s);
+        let rotation_sum_rad = integrals(rows.iter().copied(), |row| {
+            row.rates_rad_s.map_or(0.0, |rates| Vector3::from(rates).map(f64::from).norm())
+        });
         let rotation = |(row, heading_rad): (&&ReplayRow, f64)| {
             let RollPitch { roll_rad, pitch_rad } = row.attitude;
             Rotation3::from_euler_angles(roll_rad.into(), pitch_rad.into(), heading_rad)
@@ -328,10 +330,6 @@ impl<'a> JumpSearch<'a> {
 /// Absolute residuals of strength and vertical component of a row's corrected field, microtesla.
 pub fn absolute_residuals_ut(row: &ReplayRow, field: &Vector3<f64>, [strength_ut, vertical_ut]: &[f64; 2]) -> [f64; 2] {
     [field.norm() - strength_ut, row.down_in_body().dot(field) - vertical_ut].map(f64::abs)
-}
-
-fn rotation_rate_rad_s(row: &ReplayRow) -> f64 {
-    row.rates_rad_s.map_or(0.0, |rates| Vector3::from(rates).map(f64::from).norm())
 }
 
 #[cfg(test)]
