@@ -128,7 +128,7 @@ pub fn build_rows(
     let mut row_counts = RowCounts { readings: compass.field.rows().len(), ..RowCounts::default() };
     let unsettled = intervals_contradicting_rates(flight);
     let gap_s = data_loss::attitude_gap_limit_s(flight, MAX_GAP_S);
-    let mut accumulators: Vec<RowAccumulator> = Vec::new();
+    let mut groups: Vec<Vec<(&TimedRow<6>, AttitudeSample)>> = Vec::new();
     let spike_ut = MIN_SPIKE_RATIO * median(compass.field.rows().iter().map(strength_ut));
     for reading in compass.field.rows() {
         if strength_ut(reading) > spike_ut {
@@ -149,18 +149,12 @@ pub fn build_rows(
             row_counts.off_simulator += 1;
             continue;
         }
-        match accumulators.last_mut() {
-            Some(last) if t_s - last.first_s < ROW_AVERAGING_S => last.add_reading(reading, &sample),
-            _ => {
-                let mut next =
-                    RowAccumulator { first_s: t_s, first_roll_rad: sample.attitude.roll_rad, ..Default::default() };
-                next.add_reading(reading, &sample);
-                accumulators.push(next);
-            }
+        match groups.last_mut() {
+            Some(last) if t_s - last[0].1.t_s < ROW_AVERAGING_S => last.push((reading, sample)),
+            _ => groups.push(vec![(reading, sample)]),
         }
     }
-    let mut rows: Vec<ReplayRow> =
-        accumulators.iter().map(|accumulator| accumulator.replay_row(flight, reference)).collect();
+    let mut rows: Vec<ReplayRow> = groups.iter().map(|group| mean_row(flight, group, reference)).collect();
     // A log that was never armed has no arming state.
     let was_armed = rows.iter().any(|row| flight.is_armed(row.t_s) == Some(true));
     let on_the_ground = rest::ground_intervals(flight);
@@ -208,59 +202,37 @@ pub(super) fn strength_ut(reading: &TimedRow<6>) -> f64 {
     f64::from(Vector3::new(x, y, z).norm())
 }
 
-#[derive(Default)]
-struct RowAccumulator {
-    reading_count: u16,
-    first_s: f64,
-    time_sum_s: f64,
-    /// Sums of the raw and of the logged field, microtesla.
-    field_sum_ut: [f32; 6],
-    first_roll_rad: f32,
-    roll_sum_rad: f32,
-    pitch_sum_rad: f32,
-    rate_sum_rad_s: [f32; 3],
-    rate_count: u16,
-}
-
-impl RowAccumulator {
-    fn add_reading(&mut self, reading: &TimedRow<6>, sample: &AttitudeSample) {
-        let AttitudeSample { t_s, attitude, rates_rad_s } = sample;
-        self.reading_count += 1;
-        self.time_sum_s += t_s - self.first_s;
-        for (sum, axis) in self.field_sum_ut.iter_mut().zip(reading.row_values) {
-            *sum += axis;
-        }
-        self.roll_sum_rad += wrap_pi(attitude.roll_rad - self.first_roll_rad);
-        self.pitch_sum_rad += attitude.pitch_rad;
-        if let Some(rates) = rates_rad_s {
-            self.rate_count += 1;
-            for (sum, rate) in self.rate_sum_rad_s.iter_mut().zip(rates) {
-                *sum += rate;
-            }
-        }
-    }
-
-    fn replay_row(&self, flight: &LoggedFlight, reference: Option<&ReferenceHeading>) -> ReplayRow {
-        let reading_count = f32::from(self.reading_count);
-        let [x, y, z, logged_x, logged_y, logged_z] = self.field_sum_ut.map(|axis| axis / reading_count);
-        let t_s = self.first_s + self.time_sum_s / f64::from(reading_count);
-        let attitude = RollPitch {
-            roll_rad: wrap_pi(self.first_roll_rad + self.roll_sum_rad / reading_count),
-            pitch_rad: self.pitch_sum_rad / reading_count,
-        };
-        let rates = self.rate_sum_rad_s.map(|sum| sum / f32::from(self.rate_count.max(1)));
-        ReplayRow {
-            t_s,
-            raw_field: Field::from_ut(x, y, z),
-            logged_field: Field::from_ut(logged_x, logged_y, logged_z),
-            attitude,
-            rates_rad_s: (self.rate_count > 0).then_some(rates),
-            current_a: current_at(flight, t_s),
-            is_usable: true,
-            reference_deg: reference
-                .filter(|_| attitude.pitch_rad.abs() <= MAX_PITCH_RAD)
-                .and_then(|reference| reference.heading_deg(flight, t_s)),
-        }
+/// Row of the means of readings, of which there is one at least, and of the attitudes at their times.
+fn mean_row(
+    flight: &LoggedFlight,
+    group: &[(&TimedRow<6>, AttitudeSample)],
+    reference: Option<&ReferenceHeading>,
+) -> ReplayRow {
+    let mean = |value: &dyn Fn(&TimedRow<6>, &AttitudeSample) -> f32| {
+        group.iter().map(|(reading, sample)| value(reading, sample)).sum::<f32>() / group.len() as f32
+    };
+    let [x, y, z, logged_x, logged_y, logged_z] =
+        std::array::from_fn(|axis| mean(&|reading, _| reading.row_values[axis]));
+    let first = &group[0].1;
+    let t_s = first.t_s + group.iter().map(|(_, sample)| sample.t_s - first.t_s).sum::<f64>() / group.len() as f64;
+    let roll_change_rad = mean(&|_, sample| wrap_pi(sample.attitude.roll_rad - first.attitude.roll_rad));
+    let attitude = RollPitch {
+        roll_rad: wrap_pi(first.attitude.roll_rad + roll_change_rad),
+        pitch_rad: mean(&|_, sample| sample.attitude.pitch_rad),
+    };
+    let rates: Vec<[f32; 3]> = group.iter().filter_map(|(_, sample)| sample.rates_rad_s).collect();
+    let mean_rate = |axis: usize| rates.iter().map(|rates| rates[axis]).sum::<f32>() / rates.len() as f32;
+    ReplayRow {
+        t_s,
+        raw_field: Field::from_ut(x, y, z),
+        logged_field: Field::from_ut(logged_x, logged_y, logged_z),
+        attitude,
+        rates_rad_s: (!rates.is_empty()).then(|| [0, 1, 2].map(mean_rate)),
+        current_a: current_at(flight, t_s),
+        is_usable: true,
+        reference_deg: reference
+            .filter(|_| attitude.pitch_rad.abs() <= MAX_PITCH_RAD)
+            .and_then(|reference| reference.heading_deg(flight, t_s)),
     }
 }
 
