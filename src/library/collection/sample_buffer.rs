@@ -1,16 +1,10 @@
-//! The one buffer of a collection, in retained memory, and its quotas.
+//! The one buffer of a collection, in retained memory, and its quota of level samples.
 //!
 //! The fit samples are first, then the held-back ones, both in order of time. Each sample has the part of the flight to
 //! which it belongs.
 
 use crate::calibration::{CollectionPart, Sample, Samples};
 use crate::frames::{Field, RollPitch};
-
-/// Number of heading sectors, 30 deg each.
-pub const SECTOR_COUNT: usize = 12;
-
-/// Fit samples per turn side: 16 per sector. 6.9 KB.
-pub const FIT_CAPACITY_PER_SIDE: usize = 16 * SECTOR_COUNT;
 
 /// Use of a stored sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,35 +15,29 @@ pub(super) enum SampleUse {
     Verification,
 }
 
-/// Largest numbers of samples of a part.
+/// Numbers of samples.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SampleQuota {
-    pub fit_quota: usize,
-    pub held_back_quota: usize,
+pub(super) struct SampleNumbers {
+    pub fit_samples: usize,
+    pub held_back_samples: usize,
 }
 
-impl SampleQuota {
-    /// Quota of a turn side; 5 held-back samples per sector.
-    pub const TURN: Self = Self { fit_quota: FIT_CAPACITY_PER_SIDE, held_back_quota: 5 * SECTOR_COUNT };
+/// Level samples that are retained whatever their information.
+pub(super) const LEVEL_QUOTA: SampleNumbers = SampleNumbers { fit_samples: 64, held_back_samples: 20 };
 
-    /// Quota of level flight; 5 fit samples per sector, rounded up.
-    pub const LEVEL: Self = Self { fit_quota: 64, held_back_quota: 20 };
+/// Capacity of the buffer: 21 KB.
+pub(super) const WHOLE_BUFFER: SampleNumbers = SampleNumbers { fit_samples: 448, held_back_samples: 140 };
 
-    /// Quota of the whole buffer: all attitudes, or two sides and level flight.
-    pub const WHOLE_BUFFER: Self = Self {
-        fit_quota: 2 * Self::TURN.fit_quota + Self::LEVEL.fit_quota,
-        held_back_quota: 2 * Self::TURN.held_back_quota + Self::LEVEL.held_back_quota,
-    };
-
-    pub const fn quota_of(self, sample_use: SampleUse) -> usize {
+impl SampleNumbers {
+    pub const fn of_use(self, sample_use: SampleUse) -> usize {
         match sample_use {
-            SampleUse::Fit => self.fit_quota,
-            SampleUse::Verification => self.held_back_quota,
+            SampleUse::Fit => self.fit_samples,
+            SampleUse::Verification => self.held_back_samples,
         }
     }
 }
 
-const SAMPLE_CAPACITY: usize = SampleQuota::WHOLE_BUFFER.fit_quota + SampleQuota::WHOLE_BUFFER.held_back_quota;
+const SAMPLE_CAPACITY: usize = WHOLE_BUFFER.fit_samples + WHOLE_BUFFER.held_back_samples;
 
 pub(super) const UNUSED_SAMPLE: Sample = Sample {
     part: CollectionPart::LEFT,

@@ -5,7 +5,7 @@ use autoswing::calibration::{
     Advice, Calibration, CollectionPart, Method, Orientation, Prior, Sample, Samples, Solution, SolveError,
     solve_samples,
 };
-use autoswing::collection::{CollectionProblem, Collector, FIT_CAPACITY_PER_SIDE, LEVEL_ROLL_RAD, RetainedSamples};
+use autoswing::collection::{CollectionProblem, Collector, LEVEL_ROLL_RAD, RetainedSamples};
 use autoswing::instrument::InstrumentConfig;
 use autoswing_module::messages::Refusal;
 use nalgebra::Vector3;
@@ -89,10 +89,13 @@ pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> Calibra
     CalibrationOutcome::of_solve(&solve_result, [fit, held_back], None)
 }
 
-/// Samples to fit, evenly thinned to the device's capacity, and samples to hold back, halfway between them. Fewer samples
+/// Most rows that are fitted: about as many as the device fits.
+const MAX_FIT_ROWS: usize = 384;
+
+/// Samples to fit, evenly thinned, and samples to hold back, halfway between them. Fewer samples
 /// than the capacity are all fitted, and verified on themselves.
 fn thin_evenly(samples: &[Sample]) -> [Vec<Sample>; 2] {
-    let fit_count = samples.len().min(2 * FIT_CAPACITY_PER_SIDE);
+    let fit_count = samples.len().min(MAX_FIT_ROWS);
     [0.0, 0.5].map(|phase| {
         (0..fit_count)
             .filter_map(|i| samples.get(((i as f64 + phase) * samples.len() as f64 / fit_count as f64) as usize))

@@ -5,7 +5,7 @@ use super::flight_statistics::{CollectionProblem, TiltFilter};
 use super::progress::{CollectionProgress, PartCoverage};
 use super::retained_samples::{CollectionContext, CollectionHeader, CollectionState, RetainedSamples};
 use super::sample_buffer::SampleUse;
-use super::sector_balance::SectorBalance;
+use super::sector_coverage::SectorCoverage;
 use super::turn_detector::{TurnDetector, is_level};
 use crate::calibration::method_selection::{Procedure, select_samples};
 use crate::calibration::{CollectionPart, HeadingMark, Method, Sample, Samples, Solution};
@@ -17,7 +17,11 @@ const MIN_REPORTED_LOSS_SAMPLES: usize = 10;
 /// Clock advance over a restart, milliseconds: keeps time stamps distinct.
 const RESTART_CLOCK_ADVANCE_MS: u32 = 1000;
 
-/// Sample collector of one calibration. Its procedure selects a policy, which stores samples in the one buffer.
+/// Shortest interval of stored samples of turns and level flight, milliseconds: attitude errors are correlated over about
+/// 0.5 s.
+const MIN_PART_INTERVAL_MS: u32 = 400;
+
+/// Sample collector of one calibration. Its procedure decides which samples are offered to the selection, and what completes them.
 #[derive(Debug)]
 pub struct Collector<'a> {
     memory: &'a mut RetainedSamples,
@@ -30,7 +34,7 @@ pub struct Collector<'a> {
     collection_clock_offset_ms: u32,
     turn_detector: TurnDetector,
     tilt_filter: TiltFilter,
-    /// Information of the fit samples of arbitrary attitude.
+    /// Information of the fit samples.
     selection: DOptimalSelection,
 }
 
@@ -106,20 +110,22 @@ impl<'a> Collector<'a> {
         self.header.flight_statistics.add_sample(&mut self.tilt_filter, &sample);
         let Some(part) = self.part_of_sample(&sample) else { return };
         sample.part = part;
-        let (buffer, state) = (&mut self.memory.samples, &mut self.header.part_states[part.index()]);
-        self.has_unsaved_change |= match part {
-            CollectionPart::LEFT | CollectionPart::RIGHT => SectorBalance::TURNS.push_sample(buffer, state, sample),
-            CollectionPart::LEVEL => SectorBalance::LEVEL.push_sample(buffer, state, sample),
-            _ => {
-                let result = self.selection.push_sample(buffer, state, sample);
-                let is_distinct = result != OfferedSampleResult::Ignored;
-                let is_stored = result == OfferedSampleResult::Stored;
-                self.header.distinct_sample_count =
-                    self.header.distinct_sample_count.saturating_add(is_distinct.into());
-                self.header.stored_count = self.header.stored_count.wrapping_add(is_stored.into());
-                is_distinct
+        let state = &mut self.header.part_states[part.index()];
+        let coverage = SectorCoverage::of_part(part);
+        let min_interval_ms = if coverage.is_some() { MIN_PART_INTERVAL_MS } else { 0 };
+        let result = self.selection.push_sample(&mut self.memory.samples, state, sample, min_interval_ms);
+        if result == OfferedSampleResult::Ignored {
+            return;
+        }
+        self.has_unsaved_change = true;
+        self.header.distinct_sample_count = self.header.distinct_sample_count.saturating_add(1);
+        if result == OfferedSampleResult::Stored {
+            self.header.stored_count = self.header.stored_count.wrapping_add(1);
+            if let Some(coverage) = coverage {
+                let samples = [self.memory.samples.samples_of_use(SampleUse::Fit), self.memory.samples.all_samples()];
+                coverage.update_coverage(samples.map(|samples| Samples::new(samples).samples_of_part(part)), state);
             }
-        };
+        }
     }
 
     /// Part to which the next sample belongs; `None` if its procedure does not use it.
@@ -139,7 +145,7 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Evaluates the information of free-flight samples with a trial solution that determines all coefficients.
+    /// Evaluates the information of samples with a trial solution that determines all coefficients.
     pub fn use_trial_solution(&mut self, solution: &Solution) {
         if solution.quality.method == Method::MaximumLikelihood {
             self.selection.use_trial_solution(&solution.calibration, &solution.quality);
@@ -199,13 +205,13 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Number of distinct samples of arbitrary attitude, stored or not.
+    /// Number of distinct samples, stored or not.
     #[must_use]
     pub fn distinct_sample_count(&self) -> u32 {
         self.header.distinct_sample_count
     }
 
-    /// Number of samples of arbitrary attitude stored, including replacements; wraps.
+    /// Number of samples stored, including replacements; wraps.
     #[must_use]
     pub fn stored_count(&self) -> u16 {
         self.header.stored_count

@@ -2,9 +2,11 @@ use super::super::test_samples::{banked_sample, circle_sample, collected, stored
 use super::*;
 use crate::frames::RollPitch;
 
+/// Turns at 13 deg/s.
 fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     for i in from_s * 10..to_s * 10 {
-        collector.push_sample(banked_sample(roll_deg, 0.0, i * 100));
+        let Sample { field, .. } = circle_sample(i as f32 * 1.3);
+        collector.push_sample(Sample { field, ..banked_sample(roll_deg, 0.0, i * 100) });
     }
 }
 
@@ -122,6 +124,18 @@ fn a_flight_and_a_level_drive_become_complete() {
     assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
     let drive = collected(Procedure::Level, turn_samples(0.0, 0, 60, 13.0)).collection_progress();
     assert!(drive.is_complete(), "{drive:?}");
+}
+
+/// Ten minutes of left circles fill the buffer; three right ones complete the collection and are kept.
+#[test]
+fn one_side_leaves_room_for_the_other() {
+    let mut collector = collected(Procedure::Turns, turn_samples(-25.0, 0, 600, -13.0));
+    let [[full, _], ..] = sample_counts(&collector);
+    turn_samples(25.0, 600, 690, 13.0).for_each(|sample| collector.push_sample(sample));
+    assert!(collector.collection_progress().is_complete(), "{:?}", collector.collection_progress());
+    let [[left, _], [right, _], ..] = sample_counts(&collector);
+    assert_eq!((full, left + right), (448, 448));
+    assert!(right > 140, "{right} of some 165 offered");
 }
 
 /// Also the hold-back cycle and the sample interval start again.

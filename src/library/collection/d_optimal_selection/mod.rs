@@ -1,5 +1,4 @@
-//! Policy of free flight and of a tumble, D-optimal selection: a full buffer replaces the sample that contributes least
-//! information.
+//! Selection of the samples to store, D-optimal: a full buffer replaces the sample that contributes least information.
 //!
 //! Each sample contributes two equations for the coefficients, the field strength and the inclination of the corrected
 //! field (see [`calibration`](crate::calibration)). The quality of a set is the determinant of its Fisher information
@@ -23,7 +22,7 @@
 use nalgebra::Vector3;
 
 use super::retained_samples::PartState;
-use super::sample_buffer::{SampleBuffer, SampleQuota, SampleUse};
+use super::sample_buffer::{LEVEL_QUOTA, SampleBuffer, SampleUse, WHOLE_BUFFER};
 use super::turn_detector::is_level;
 use crate::calibration::{
     Calibration, FieldPrediction, InformationMatrix, JacobianRow, LeastSquares, Orientation, Quality, Sample, Samples,
@@ -177,23 +176,25 @@ impl DOptimalSelection {
         self.linearisation.is_from_trial
     }
 
-    /// Stores a sample if it is distinct, in place of the least informative one if the buffer is full.
+    /// Stores a sample if it is distinct and at least an interval after the last stored one, in place of the least
+    /// informative one if the buffer is full.
     pub fn push_sample(
         &mut self,
         buffer: &mut SampleBuffer,
         state: &mut PartState,
         sample: Sample,
+        min_interval_ms: u32,
     ) -> OfferedSampleResult {
-        if !is_new_measurement(buffer, &sample) {
+        if !is_new_measurement(buffer, &sample, min_interval_ms) {
             return OfferedSampleResult::Ignored;
         }
-        let sample_use = state.count_and_assign_use(&sample);
+        let sample_use = state.count_and_assign_use();
         let stored = buffer.samples_of_use(sample_use);
-        if stored.len() < SampleQuota::WHOLE_BUFFER.quota_of(sample_use) {
+        if stored.len() < WHOLE_BUFFER.of_use(sample_use) {
             buffer.insert_sample(sample_use, sample);
             return OfferedSampleResult::Stored;
         }
-        let level_quota = SampleQuota::LEVEL.quota_of(sample_use);
+        let level_quota = LEVEL_QUOTA.of_use(sample_use);
         let weakest = match sample_use {
             SampleUse::Fit if !self.may_exceed_weakest(&sample) => None,
             SampleUse::Fit => self.find_least_informative_sample(&sample, stored, level_quota),
@@ -270,15 +271,16 @@ impl DOptimalSelection {
     }
 }
 
-/// Whether a sample is finite and differs from the last stored one. A parked aircraft adds no information, and may be
-/// near the iron of a hangar.
-fn is_new_measurement(buffer: &SampleBuffer, sample: &Sample) -> bool {
+/// Whether a sample is finite, differs from the last stored one and is late enough. A parked aircraft adds no information,
+/// and may be near the iron of a hangar.
+fn is_new_measurement(buffer: &SampleBuffer, sample: &Sample, min_interval_ms: u32) -> bool {
     let last_of_use = |sample_use| buffer.samples_of_use(sample_use).last();
     let lasts = [SampleUse::Fit, SampleUse::Verification].into_iter().filter_map(last_of_use);
     let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
     let RollPitch { roll_rad, pitch_rad } = sample.attitude;
     let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|component| component.is_finite());
-    is_measurement && last.is_none_or(|last| is_distinct(last, sample))
+    let is_late = |last: &Sample| sample.time.ms_since(last.time) >= min_interval_ms;
+    is_measurement && last.is_none_or(|last| is_late(last) && is_distinct(last, sample))
 }
 
 fn is_distinct(last_stored: &Sample, sample: &Sample) -> bool {

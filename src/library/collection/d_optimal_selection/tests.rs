@@ -205,7 +205,7 @@ fn informative_samples_replace_uninformative_ones() {
     let mut banked_sum = 0;
     // Of 400 banked samples, one in four is held back.
     for ((sample_use, samples), offered) in stored_samples(&collector).into_iter().zip([300, 100]) {
-        let capacity = SampleQuota::WHOLE_BUFFER.quota_of(sample_use);
+        let capacity = WHOLE_BUFFER.of_use(sample_use);
         assert_eq!(samples.iter().count(), capacity);
         let banked = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() > 0.3).count();
         assert!(banked * 10 >= offered * 8 || banked * 10 >= capacity * 7, "{banked} of {offered}");
@@ -230,7 +230,7 @@ fn circles_leave_a_quota_of_level_samples() {
     ] {
         for (sample_use, samples) in stored_samples(&collector) {
             let level_count = samples.iter().filter(|sample| sample.attitude.roll_rad.abs() < 0.1).count();
-            assert!(level_count >= SampleQuota::LEVEL.quota_of(sample_use), "{sample_use:?}: {level_count}");
+            assert!(level_count >= LEVEL_QUOTA.of_use(sample_use), "{sample_use:?}: {level_count}");
         }
     }
 }
@@ -290,7 +290,7 @@ fn a_full_tumble_keeps_all_directions() {
         };
         let mut counts = [0; 8];
         samples.iter().for_each(|sample| counts[octant(sample)] += 1);
-        let capacity = SampleQuota::WHOLE_BUFFER.quota_of(sample_use);
+        let capacity = WHOLE_BUFFER.of_use(sample_use);
         assert_eq!(counts.iter().sum::<usize>(), capacity);
         assert!(counts.iter().all(|count| count * 8 > capacity / 3), "{counts:?}");
     }

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::progress::{CollectionProgress, PartCoverage};
-use super::sample_buffer::SECTOR_COUNT;
+use super::sector_coverage::SECTOR_COUNT;
 use super::turn_detector::{ENTER_ROLL_RAD, MAX_GAP_MS};
 use crate::calibration::{CollectionPart, Manoeuvre, Sample};
 use crate::decimal::Decimal;

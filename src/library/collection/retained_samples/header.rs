@@ -1,15 +1,10 @@
 //! State of a collection in retained memory, without its samples.
 
 use super::memory_words::{MemoryWords, words};
+use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{CollectionPart, Sample};
 use crate::collection::flight_statistics::FlightStatistics;
 use crate::collection::sample_buffer::SampleUse;
-use crate::time::WrappingMillis;
-
-/// Shortest interval of stored samples of turns and level flight, milliseconds: attitude errors are correlated over about
-/// 0.5 s.
-const SAMPLE_INTERVAL_MS: u32 = 400;
 
 /// Period of held-back samples: one in this number is held back.
 pub(in crate::collection) const HOLD_BACK_CYCLE: u16 = 4;
@@ -46,9 +41,9 @@ pub(in crate::collection) struct CollectionHeader {
     pub clock_ms: u32,
     /// Number of marks.
     pub mark_count: u16,
-    /// Number of free-flight samples stored, including replacements; wraps.
+    /// Number of samples stored, including replacements; wraps.
     pub stored_count: u16,
-    /// Number of distinct free-flight samples, stored or not.
+    /// Number of distinct samples, stored or not.
     pub distinct_sample_count: u32,
     /// States of the parts by [`CollectionPart::index`].
     pub part_states: [PartState; CollectionPart::ALL_PARTS.len()],
@@ -58,8 +53,6 @@ pub(in crate::collection) struct CollectionHeader {
 /// State of a part.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
-    /// Time of the last sample taken, stored or not, milliseconds.
-    last_taken_ms: u32,
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
     taken_count: u16,
     /// Number of sectors with at least one sample.
@@ -69,16 +62,9 @@ pub(in crate::collection) struct PartState {
 }
 
 impl PartState {
-    pub const EMPTY: Self = Self { last_taken_ms: 0, taken_count: 0, covered_sector_count: 0, percent: 0 };
+    pub const EMPTY: Self = Self { taken_count: 0, covered_sector_count: 0, percent: 0 };
 
-    /// Whether a sample is finite and at least one sample interval after the last.
-    pub fn is_due(self, sample: &Sample) -> bool {
-        let is_late = sample.time.ms_since(WrappingMillis::new(self.last_taken_ms)) >= SAMPLE_INTERVAL_MS;
-        (self.taken_count == 0 || is_late) && sample.field.ut.iter().all(|component| component.is_finite())
-    }
-
-    pub fn count_and_assign_use(&mut self, sample: &Sample) -> SampleUse {
-        self.last_taken_ms = sample.time.as_ms();
+    pub fn count_and_assign_use(&mut self) -> SampleUse {
         self.taken_count = self.taken_count.wrapping_add(1);
         if self.taken_count.is_multiple_of(HOLD_BACK_CYCLE) { SampleUse::Verification } else { SampleUse::Fit }
     }
@@ -155,5 +141,5 @@ words!(CollectionHeader {
     part_states,
     flight_statistics,
 });
-words!(PartState { last_taken_ms, taken_count, covered_sector_count, percent });
+words!(PartState { taken_count, covered_sector_count, percent });
 words!(FlightStatistics { sample_count, long_interval_count, duration_ms, max_tilt_rad, left_bank_ms, right_bank_ms });

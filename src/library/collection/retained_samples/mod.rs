@@ -20,7 +20,7 @@ use memory_words::{Checksum, MemoryWords, words};
 pub const MARKS_CAPACITY: usize = 36;
 
 /// Layout version; increment when the meaning of header or samples changes.
-const LAYOUT_VERSION: u32 = 4;
+const LAYOUT_VERSION: u32 = 5;
 
 /// Checksum seed from layout and firmware version, which rejects memory of other firmware.
 const FIRMWARE_SEED: u32 = {

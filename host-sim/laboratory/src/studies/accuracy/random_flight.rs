@@ -35,7 +35,7 @@ pub struct RandomRanges {
 }
 
 impl RandomRanges {
-    /// Worst realistic airframes, with as many samples as the module's buffers hold.
+    /// Worst realistic airframes, with 16 samples a turn direction in each sector of 30 deg.
     pub const WORST_CASE: Self = Self {
         soft_iron: 0.3,
         hard_iron: 3.0,
@@ -45,7 +45,7 @@ impl RandomRanges {
         random_attitude_deg: 2.0,
         sensor_noise: [0.003, 0.01],
         attitude_noise_deg: [0.2, 1.0],
-        samples_per_side: autoswing::collection::FIT_CAPACITY_PER_SIDE,
+        samples_per_side: 192,
     };
 }
 

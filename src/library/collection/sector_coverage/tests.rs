@@ -1,6 +1,6 @@
 use testkit::random::Random;
 
-use super::super::test_samples::{circle_sample, collected, stored_times_ms, test_sample, turn_samples};
+use super::super::test_samples::{circle_sample, collected, test_sample, turn_samples};
 use super::*;
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
@@ -72,41 +72,6 @@ fn few_samples_give_no_coverage() {
     assert_eq!((coverage.fit_count, coverage.covered_sector_count, coverage.percent), (4, 0, 0));
 }
 
-/// Twelve arcs of a third of the circle fill the part; then one full circle, which replaces the oldest samples.
-#[test]
-fn a_full_part_stores_samples_of_missing_headings() {
-    let third = (0..12).flat_map(|i| turn_samples(25.0, i * 60, i * 60 + 12, 12.0));
-    let mut collector = collected(Procedure::Turns, third);
-    let before = right_turn_coverage(&collector);
-    assert_eq!(before.fit_count as usize, SampleQuota::TURN.fit_quota, "the part is full");
-    assert!(before.covered_sector_count < 12, "{before:?}");
-    let [old_fit, _] = stored_times_ms(&collector, CollectionPart::RIGHT);
-    turn_samples(25.0, 720, 752, 12.0).for_each(|sample| collector.push_sample(sample));
-    let after = right_turn_coverage(&collector);
-    assert_eq!((after.fit_count, after.covered_sector_count), (before.fit_count, 12));
-    let [fit, held_back] = stored_times_ms(&collector, CollectionPart::RIGHT);
-    assert!(fit.is_sorted() && held_back.is_sorted());
-    let (kept, replaced) = old_fit.into_iter().partition::<Vec<u32>, _>(|ms| fit.contains(ms));
-    let [kept_mean_ms, replaced_mean_ms] = [&kept, &replaced].map(|ms| ms.iter().sum::<u32>() / ms.len() as u32);
-    assert!(replaced_mean_ms + 60_000 < kept_mean_ms, "{replaced_mean_ms} {kept_mean_ms}");
-}
-
-/// After two circles a vehicle stands at one heading for ten minutes. Sectors differ by one sample: its own becomes the
-/// fullest with two more.
-#[test]
-fn a_full_part_rejects_samples_of_its_fullest_sector() {
-    let circles = (0..90_u16).map(|i| f32::from(i) * 9.0);
-    let standing = core::iter::repeat_n(100.0, 1500);
-    let collector = collected_at_headings(circles.chain(standing));
-    let coverage = level_coverage(&collector);
-    assert_eq!((coverage.fit_count as usize, coverage.covered_sector_count), (SampleQuota::LEVEL.fit_quota, 12));
-    let [fit, held_back] = stored_times_ms(&collector, CollectionPart::LEVEL);
-    for times_ms in [fit, held_back] {
-        let standing_count = times_ms.iter().filter(|ms| **ms >= 90 * 400).count();
-        assert!(standing_count <= 3, "{standing_count} of {}", times_ms.len());
-    }
-}
-
 #[test]
 fn held_back_samples_cover_every_sector() {
     let collector = collected(Procedure::Turns, turn_samples(25.0, 0, 122, 13.0));
@@ -128,22 +93,6 @@ fn a_complete_part_has_enough_held_back_samples_for_verification() {
     }
     let level = level_coverage(&collector);
     assert!(level.is_complete() && level.held_back_count >= MIN_HELD_BACK_WHEN_COMPLETE, "{level:?}");
-}
-
-/// Checked at compile time: a part with a smaller quota could never become complete.
-#[test]
-fn the_quota_must_suffice_for_a_complete_part() {
-    let quota = |fit_quota, held_back_quota| SampleQuota { fit_quota, held_back_quota };
-    for (name, balance, is_sufficient) in [
-        ("just enough", SectorBalance { quota: quota(48, 15), ..SectorBalance::LEVEL }, true),
-        ("fit samples", SectorBalance { quota: quota(47, 15), ..SectorBalance::LEVEL }, false),
-        ("held-back samples", SectorBalance { quota: quota(48, 14), ..SectorBalance::LEVEL }, false),
-        ("all", SectorBalance { quota: quota(48, 16), complete_fit_samples: 49, ..SectorBalance::LEVEL }, false),
-        ("sectors", SectorBalance { quota: quota(59, 15), samples_per_full_sector: 5, ..SectorBalance::LEVEL }, false),
-        ("a circle", SectorBalance { quota: quota(100, 15), min_samples: 49, ..SectorBalance::LEVEL }, false),
-    ] {
-        assert_eq!(balance.is_quota_sufficient(), is_sufficient, "{name}");
-    }
 }
 
 fn circle_through(samples: &[Sample]) -> Option<TurnCircle> {

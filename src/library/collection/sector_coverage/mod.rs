@@ -1,6 +1,4 @@
-//! Policy of turns, level flight and a compass swing: even coverage of heading sectors.
-//!
-//! A full part replaces samples in its most crowded sector.
+//! Coverage of heading sectors by the samples of turns and of level flight, which ends these procedures.
 //!
 //! Hard iron several times the horizontal field hides the heading. A turn at constant bank is a plane ellipse in sensor
 //! space: samples are projected on their principal plane, a circle is fitted there, and the angle about its centre gives
@@ -12,14 +10,16 @@ use nalgebra::{Matrix3, Vector2};
 
 use super::progress::percent;
 use super::retained_samples::{HOLD_BACK_CYCLE, PartState};
-use super::sample_buffer::{SECTOR_COUNT, SampleBuffer, SampleQuota, SampleUse};
-use crate::calibration::{LeastSquares, PrincipalPlane, Sample, Samples};
+use super::sample_buffer::{LEVEL_QUOTA, WHOLE_BUFFER};
+use crate::calibration::{CollectionPart, LeastSquares, PrincipalPlane, Sample, Samples};
 use crate::trig::sqrt;
 
+/// Number of heading sectors, 30 deg each.
+pub const SECTOR_COUNT: usize = 12;
+
+/// What makes the samples of a part complete.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SectorBalance {
-    /// Capacity of the part, samples.
-    quota: SampleQuota,
+pub(super) struct SectorCoverage {
     /// Fit samples that fill a sector.
     samples_per_full_sector: u16,
     /// Fit samples of a complete part.
@@ -32,32 +32,30 @@ pub(super) struct SectorBalance {
 }
 
 /// Smallest number of held-back samples in a complete part; verification must not require more.
-pub const MIN_HELD_BACK_WHEN_COMPLETE: u16 = SectorBalance::LEVEL.min_held_back_when_complete();
-const _: () = assert!(MIN_HELD_BACK_WHEN_COMPLETE <= SectorBalance::TURNS.min_held_back_when_complete());
+pub const MIN_HELD_BACK_WHEN_COMPLETE: u16 = SectorCoverage::LEVEL.min_held_back_when_complete();
+const _: () = assert!(MIN_HELD_BACK_WHEN_COMPLETE <= SectorCoverage::TURNS.min_held_back_when_complete());
 
-// Every part must be able to become complete.
-const _: () = assert!(SectorBalance::TURNS.is_quota_sufficient() && SectorBalance::LEVEL.is_quota_sufficient());
+// Both sides and level flight must be able to become complete.
+const _: () = assert!(
+    2 * SectorCoverage::TURNS.complete_fit_samples as usize + LEVEL_QUOTA.fit_samples <= WHOLE_BUFFER.fit_samples
+        && SectorCoverage::LEVEL.complete_fit_samples as usize <= LEVEL_QUOTA.fit_samples
+);
 
-impl SectorBalance {
+impl SectorCoverage {
     /// For turns of 5 to 30 deg/s; at 13 deg/s a sector needs two passes, the part about three circles.
-    pub const TURNS: Self = Self {
-        quota: SampleQuota::TURN,
-        samples_per_full_sector: 8,
-        complete_fit_samples: 132,
-        min_radius_ut: 4.0,
-        min_samples: 10,
-    };
+    const TURNS: Self =
+        Self { samples_per_full_sector: 8, complete_fit_samples: 132, min_radius_ut: 4.0, min_samples: 10 };
 
-    /// For level flight, with a smaller quota: the part needs two circles.
-    pub const LEVEL: Self =
-        Self { quota: SampleQuota::LEVEL, samples_per_full_sector: 4, complete_fit_samples: 48, ..Self::TURNS };
+    /// For level flight: the part needs two circles.
+    const LEVEL: Self = Self { samples_per_full_sector: 4, complete_fit_samples: 48, ..Self::TURNS };
 
-    /// Whether the quota suffices for a complete part.
-    const fn is_quota_sufficient(&self) -> bool {
-        self.complete_fit_samples as usize <= self.quota.fit_quota
-            && self.samples_per_full_sector as usize * SECTOR_COUNT <= self.quota.fit_quota
-            && self.min_samples <= self.complete_fit_samples
-            && self.min_held_back_when_complete() as usize <= self.quota.held_back_quota
+    /// Coverage of a part; `None` for samples of arbitrary attitude.
+    pub const fn of_part(part: CollectionPart) -> Option<Self> {
+        match part {
+            CollectionPart::LEFT | CollectionPart::RIGHT => Some(Self::TURNS),
+            CollectionPart::LEVEL => Some(Self::LEVEL),
+            _ => None,
+        }
     }
 
     /// Fewest held-back samples of a complete part.
@@ -66,25 +64,13 @@ impl SectorBalance {
         (self.complete_fit_samples - 1) / (HOLD_BACK_CYCLE - 1)
     }
 
-    /// Stores a sample if it is due and its sector is not the most crowded of its full part. Returns whether it is due.
-    pub fn push_sample(&self, buffer: &mut SampleBuffer, state: &mut PartState, sample: Sample) -> bool {
-        let is_due = state.is_due(&sample);
-        if is_due {
-            let circle = TurnCircle::fit_circle(Samples::new(buffer.all_samples()).samples_of_part(sample.part));
-            let sector_of = |s: &Sample| circle.map_or(0, |circle| circle.sector_of(s));
-            let sample_use = state.count_and_assign_use(&sample);
-            insert_balanced(buffer, sample_use, self.quota.quota_of(sample_use), sample, sector_of);
-            let fit_samples = Samples::new(buffer.samples_of_use(SampleUse::Fit)).samples_of_part(sample.part);
-            self.update_coverage(fit_samples, state, circle);
-        }
-        is_due
-    }
-
-    fn update_coverage(&self, samples: Samples<'_>, state: &mut PartState, circle: Option<TurnCircle>) {
-        let sample_count = samples.iter().count() as u16;
-        let turn_circle = circle.filter(|c| c.radius_ut >= self.min_radius_ut && sample_count >= self.min_samples);
+    /// Updates the coverage by the part's fit samples, and by all of its samples, which determine the circle.
+    pub fn update_coverage(&self, [fit_samples, all_samples]: [Samples<'_>; 2], state: &mut PartState) {
+        let sample_count = fit_samples.iter().count() as u16;
+        let turn_circle = TurnCircle::fit_circle(all_samples)
+            .filter(|circle| circle.radius_ut >= self.min_radius_ut && sample_count >= self.min_samples);
         let (sectors, percent) = turn_circle.map_or((0, 0), |circle| {
-            let counts = count_by_sector(samples, |s| circle.sector_of(s));
+            let counts = count_by_sector(fit_samples, &circle);
             // Completeness is latched: a later sample can shift the circle and its sector borders, but removes no
             // information.
             let percent = if state.percent >= 100 { 100 } else { self.balance_percent(&counts, sample_count) };
@@ -101,36 +87,14 @@ impl SectorBalance {
     }
 }
 
-fn count_by_sector(samples: Samples<'_>, sector_of: impl Fn(&Sample) -> usize) -> [u16; SECTOR_COUNT] {
+fn count_by_sector(samples: Samples<'_>, circle: &TurnCircle) -> [u16; SECTOR_COUNT] {
     let mut counts = [0; SECTOR_COUNT];
     for sample in samples.iter() {
-        if let Some(n) = counts.get_mut(sector_of(sample)) {
+        if let Some(n) = counts.get_mut(circle.sector_of(sample)) {
             *n += 1;
         }
     }
     counts
-}
-
-/// Stores a sample. A part that has its quota drops the oldest sample of the most crowded sector, or the new sample if
-/// it belongs there.
-fn insert_balanced(
-    buffer: &mut SampleBuffer,
-    sample_use: SampleUse,
-    quota: usize,
-    sample: Sample,
-    sector_of: impl Fn(&Sample) -> usize,
-) {
-    if buffer.part_count(sample_use, sample.part) < quota {
-        return buffer.insert_sample(sample_use, sample);
-    }
-    let stored = buffer.samples_of_use(sample_use);
-    let counts = count_by_sector(Samples::new(stored).samples_of_part(sample.part), &sector_of);
-    let crowded = (0..SECTOR_COUNT).max_by_key(|&sector| counts[sector]).unwrap_or(0);
-    if crowded != sector_of(&sample)
-        && let Some(oldest) = stored.iter().position(|s| s.part == sample.part && sector_of(s) == crowded)
-    {
-        buffer.replace_sample(sample_use, oldest, sample);
-    }
 }
 
 const MIN_CIRCLE_POINTS: usize = 3;
