@@ -101,14 +101,15 @@ fn sent_pitch_and_roll_deg(rig: &Rig) -> Option<[f64; 2]> {
 fn the_own_attitude_is_sent_while_the_chip_answers() {
     let mut rig = held_rig(AttitudeSource::Own);
     rig.run_for_s(0.5);
-    let before_rest = "not in use beside an autopilot before the first rest";
-    let status = status_line(&mut rig, "gyro: ");
-    assert!(status.ends_with(before_rest), "{status}");
-    rig.run_for_s(0.5);
-    rig.send_console_line("set attitude own");
-    rig.run_for_s(2.0);
-    let status = status_line(&mut rig, "gyro: ");
-    assert!(!status.contains(before_rest), "{status}");
+    for (source, seconds, use_text) in
+        [("auto", 0.0, "not in use before the first rest"), ("autopilot", 0.0, "not in use"), ("own", 2.0, "")]
+    {
+        rig.send_console_line(&format!("set attitude {source}"));
+        rig.run_for_s(seconds);
+        let status = status_line(&mut rig, "gyro: ");
+        let (_, found) = status.split_once("rates unlike the autopilot's").unwrap();
+        assert_eq!(found.trim_start_matches(", "), use_text, "{source}: {status}");
+    }
     let [pitch_deg, roll_deg] = sent_pitch_and_roll_deg(&rig).unwrap();
     assert!((pitch_deg + 10.0).abs() < 6.0 && (roll_deg - 20.0).abs() < 6.0, "{pitch_deg} {roll_deg}");
     let chip = rig.inertial_sensor.as_ref().unwrap().chip.clone();

@@ -27,10 +27,10 @@ mod turn_detector;
 
 pub use collector::Collector;
 pub use flight_statistics::CollectionProblem;
-pub use progress::{CollectionProgress, PartCoverage};
+pub use progress::{CollectionProgress, PartCoverage, SECTOR_COUNT};
 pub use recent_samples::RecentSamples;
 pub use retained_samples::{CollectionContext, CollectionState, MARKS_CAPACITY, RetainedSamples};
-pub use sector_coverage::{MIN_HELD_BACK_WHEN_COMPLETE, SECTOR_COUNT};
+pub use sector_coverage::MIN_HELD_BACK_WHEN_COMPLETE;
 pub use turn_detector::LEVEL_ROLL_RAD;
 
 #[cfg(test)]

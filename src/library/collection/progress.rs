@@ -3,6 +3,9 @@
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
 
+/// Number of heading sectors, 30 deg each.
+pub const SECTOR_COUNT: usize = 12;
+
 /// Coverage of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct PartCoverage {
@@ -10,7 +13,7 @@ pub struct PartCoverage {
     pub fit_count: u16,
     /// Number of held-back samples.
     pub held_back_count: u16,
-    /// Sectors with at least one sample, of [`SECTOR_COUNT`](super::SECTOR_COUNT).
+    /// Sectors with at least one sample, of [`SECTOR_COUNT`].
     pub covered_sector_count: u8,
     /// Completeness of the part, 0..100 percent.
     pub percent: u8,

@@ -6,7 +6,7 @@ use super::calibration::write_latency;
 use super::settings::{CAN_LINE, PORT_LINES, setting_lines, write_field_model, write_setting_line};
 use crate::health::{CanState, Diagnostics, EventCounts, ResetCause, StackUse};
 use crate::wire::dronecan::outbound::BusCounts;
-use autoswing::attitude::HAS_OWN_ATTITUDE;
+use autoswing::attitude::{AttitudeSource, HAS_OWN_ATTITUDE};
 use autoswing::calibration::CollectionPart;
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::collection::{PartCoverage, SECTOR_COUNT};
@@ -96,7 +96,7 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
         write_can_state(out, can)?;
     }
     write_field_model(out, &report.local_field)?;
-    write_counters(out, &health.event_counts)?;
+    write_counters(out, &health.event_counts, report.settings.attitude_source)?;
     if let Some(StackUse { peak_used_bytes, size_bytes }) = health.stack_use {
         writeln!(out, "stack: {peak_used_bytes} of {size_bytes} bytes used at most")?;
     }
@@ -235,7 +235,7 @@ fn write_instrument_state(out: &mut impl Write, health: &Diagnostics) -> fmt::Re
     }
 }
 
-fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
+fn write_counters(out: &mut impl Write, counts: &EventCounts, attitude_source: AttitudeSource) -> fmt::Result {
     writeln!(
         out,
         "readings: {}, {} overruns, {} errors, {} register upsets repaired",
@@ -252,8 +252,12 @@ fn write_counters(out: &mut impl Write, counts: &EventCounts) -> fmt::Result {
             counts.inertial_register_upsets,
             counts.inertial_rate_contradictions
         )?;
-        if counts.inertial_estimates_after_rest == 0 {
-            write!(out, ", not in use beside an autopilot before the first rest")?;
+        match attitude_source {
+            AttitudeSource::Autopilot => write!(out, ", not in use")?,
+            AttitudeSource::Automatic if counts.inertial_estimates_after_rest == 0 => {
+                write!(out, ", not in use before the first rest")?;
+            }
+            AttitudeSource::Automatic | AttitudeSource::Own => {}
         }
         if counts.corrected_latency_ms > 0 {
             write!(out, ", attitude's latency of {} ms corrected", counts.corrected_latency_ms)?;

@@ -2,8 +2,7 @@
 
 use core::fmt;
 
-use super::progress::{CollectionProgress, PartCoverage};
-use super::sector_coverage::SECTOR_COUNT;
+use super::progress::{CollectionProgress, PartCoverage, SECTOR_COUNT};
 use super::turn_detector::{ENTER_ROLL_RAD, MAX_GAP_MS};
 use crate::calibration::{CollectionPart, Manoeuvre, Sample};
 use crate::decimal::Decimal;

@@ -8,14 +8,11 @@ use core::f32::consts::TAU;
 
 use nalgebra::{Matrix3, Vector2};
 
-use super::progress::percent;
+use super::progress::{SECTOR_COUNT, percent};
 use super::retained_samples::{HOLD_BACK_CYCLE, PartState};
 use super::sample_buffer::{LEVEL_QUOTA, WHOLE_BUFFER};
 use crate::calibration::{CollectionPart, LeastSquares, PrincipalPlane, Sample, Samples};
 use crate::trig::sqrt;
-
-/// Number of heading sectors, 30 deg each.
-pub const SECTOR_COUNT: usize = 12;
 
 /// What makes the samples of a part complete.
 #[derive(Clone, Copy, Debug)]
