@@ -1,6 +1,6 @@
 //! State and procedure of a collection.
 
-use super::d_optimal_selection::{DOptimalSelection, OfferedSampleResult};
+use super::d_optimal_selection::{DOptimalSelection, OfferedSampleResult, SampleSpacing};
 use super::flight_statistics::{CollectionProblem, TiltFilter};
 use super::progress::{CollectionProgress, PartCoverage};
 use super::retained_samples::{CollectionContext, CollectionHeader, CollectionState, RetainedSamples};
@@ -17,9 +17,8 @@ const MIN_REPORTED_LOSS_SAMPLES: usize = 10;
 /// Clock advance over a restart, milliseconds: keeps time stamps distinct.
 const RESTART_CLOCK_ADVANCE_MS: u32 = 1000;
 
-/// Shortest interval of stored samples of turns and level flight, milliseconds: attitude errors are correlated over about
-/// 0.5 s.
-const MIN_PART_INTERVAL_MS: u32 = 400;
+/// Spacing of the samples of turns and level flight: attitude errors are correlated over about 0.5 s.
+const PART_SPACING: SampleSpacing = SampleSpacing::Interval { ms: 400 };
 
 /// Sample collector of one calibration. Its procedure decides which samples are offered to the selection, and what completes them.
 #[derive(Debug)]
@@ -112,8 +111,8 @@ impl<'a> Collector<'a> {
         sample.part = part;
         let state = &mut self.header.part_states[part.index()];
         let coverage = SectorCoverage::of_part(part);
-        let min_interval_ms = if coverage.is_some() { MIN_PART_INTERVAL_MS } else { 0 };
-        let result = self.selection.push_sample(&mut self.memory.samples, state, sample, min_interval_ms);
+        let spacing = if coverage.is_some() { PART_SPACING } else { SampleSpacing::Distinct };
+        let result = self.selection.push_sample(&mut self.memory.samples, state, sample, spacing);
         if result == OfferedSampleResult::Ignored {
             return;
         }

@@ -2,11 +2,9 @@ use super::super::test_samples::{banked_sample, circle_sample, collected, stored
 use super::*;
 use crate::frames::RollPitch;
 
-/// Turns at 13 deg/s.
 fn hold_bank(collector: &mut Collector, roll_deg: f32, from_s: u32, to_s: u32) {
     for i in from_s * 10..to_s * 10 {
-        let Sample { field, .. } = circle_sample(i as f32 * 1.3);
-        collector.push_sample(Sample { field, ..banked_sample(roll_deg, 0.0, i * 100) });
+        collector.push_sample(banked_sample(roll_deg, 0.0, i * 100));
     }
 }
 

@@ -49,10 +49,19 @@ const MIN_NORM_UT: f32 = 1e-3;
 /// noise. Larger residuals have other causes.
 const MAX_NOISE_ROTATION_RAD: f32 = 0.05;
 
+/// What separates a sample from the last stored one.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum SampleSpacing {
+    /// Time: a vehicle that stands at a heading averages its noise.
+    Interval { ms: u32 },
+    /// Field or attitude. A parked aircraft adds no information, and may be near the iron of a hangar.
+    Distinct,
+}
+
 /// Result of offering a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OfferedSampleResult {
-    /// Dropped, because it is not finite or does not differ from the last stored one.
+    /// Dropped, because it is not finite or too near the last stored one.
     Ignored,
     /// Distinct, but not more informative than those stored.
     Rejected,
@@ -176,16 +185,15 @@ impl DOptimalSelection {
         self.linearisation.is_from_trial
     }
 
-    /// Stores a sample if it is distinct and at least an interval after the last stored one, in place of the least
-    /// informative one if the buffer is full.
+    /// Stores a sample if it is due, in place of the least informative one if the buffer is full.
     pub fn push_sample(
         &mut self,
         buffer: &mut SampleBuffer,
         state: &mut PartState,
         sample: Sample,
-        min_interval_ms: u32,
+        spacing: SampleSpacing,
     ) -> OfferedSampleResult {
-        if !is_new_measurement(buffer, &sample, min_interval_ms) {
+        if !is_due(buffer, &sample, spacing) {
             return OfferedSampleResult::Ignored;
         }
         let sample_use = state.count_and_assign_use();
@@ -271,16 +279,18 @@ impl DOptimalSelection {
     }
 }
 
-/// Whether a sample is finite, differs from the last stored one and is late enough. A parked aircraft adds no information,
-/// and may be near the iron of a hangar.
-fn is_new_measurement(buffer: &SampleBuffer, sample: &Sample, min_interval_ms: u32) -> bool {
+/// Whether a sample is finite and far enough from the last stored one.
+fn is_due(buffer: &SampleBuffer, sample: &Sample, spacing: SampleSpacing) -> bool {
     let last_of_use = |sample_use| buffer.samples_of_use(sample_use).last();
     let lasts = [SampleUse::Fit, SampleUse::Verification].into_iter().filter_map(last_of_use);
     let last = lasts.min_by_key(|last| sample.time.ms_since(last.time));
     let RollPitch { roll_rad, pitch_rad } = sample.attitude;
     let is_measurement = sample.field.ut.iter().chain(&[roll_rad, pitch_rad]).all(|component| component.is_finite());
-    let is_late = |last: &Sample| sample.time.ms_since(last.time) >= min_interval_ms;
-    is_measurement && last.is_none_or(|last| is_late(last) && is_distinct(last, sample))
+    is_measurement
+        && last.is_none_or(|last| match spacing {
+            SampleSpacing::Interval { ms } => sample.time.ms_since(last.time) >= ms,
+            SampleSpacing::Distinct => is_distinct(last, sample),
+        })
 }
 
 fn is_distinct(last_stored: &Sample, sample: &Sample) -> bool {
