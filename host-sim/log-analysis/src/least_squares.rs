@@ -22,7 +22,8 @@ impl<const UNKNOWNS: usize> LeastSquares<UNKNOWNS> {
         Self::with_prior_sigmas([f64::INFINITY; UNKNOWNS])
     }
 
-    /// A fit without rows. Priors are normal distributions about zero; an infinite standard deviation is none.
+    /// A fit without rows, with normally distributed priors about zero. An infinite standard deviation leaves an unknown
+    /// without a prior.
     pub fn with_prior_sigmas(sigmas: [f64; UNKNOWNS]) -> Self {
         let normal = SMatrix::from_diagonal(&SVector::from(sigmas.map(|sigma| square(sigma).recip())));
         Self { normal, right_side: SVector::zeros(), squares: 0.0, row_count: 0 }

@@ -45,7 +45,7 @@ fn round_by_name(value: &mut Value, decimals: i32) {
 /// Microtesla per milligauss.
 pub const UT_PER_MILLIGAUSS: f64 = 0.1;
 /// Microtesla per gauss.
-pub const UT_PER_GAUSS: f64 = 1000.0 * UT_PER_MILLIGAUSS;
+pub const UT_PER_GAUSS: f64 = 100.0;
 
 /// Square; `f64::powi` may round differently on another platform.
 #[must_use]

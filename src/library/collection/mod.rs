@@ -2,8 +2,8 @@
 //!
 //! The [`Procedure`](crate::calibration::method_selection::Procedure) decides which samples are offered: turns and level
 //! flight, labelled by a detector of sustained bank; samples at small tilt, for a compass swing with marks at known
-//! headings; or all attitudes, of free flight or of a module turned by hand. One buffer keeps those that inform most about
-//! the coefficients, holds every fourth back for verification and survives a reset.
+//! headings; or all attitudes, of free flight or of a module turned by hand. One buffer keeps the samples with the most Fisher
+//! information on the coefficients, holds every fourth back for verification and survives a reset.
 //!
 //! | room | content |
 //! |---|---|

@@ -200,7 +200,8 @@ impl<const N: usize> FromIterator<(f64, [f32; N])> for Series<N> {
     }
 }
 
-/// Indices of each row and of the first one that is `min_s` seconds later or more, if that is within `max_s`.
+/// Pairs of rows by index: each row with the first row at least `min_s` seconds later, unless more than `max_s` lie between
+/// them.
 pub(crate) fn pairs_apart<T>(
     rows: &[T],
     t_s: impl Fn(&T) -> f64,

@@ -92,8 +92,8 @@ pub(super) fn solve_evenly_thinned(samples: &[Sample], prior: &Prior) -> Calibra
 /// Most rows that are fitted: about as many as the device fits.
 const MAX_FIT_ROWS: usize = 384;
 
-/// Samples to fit, evenly thinned, and samples to hold back, halfway between them. Fewer samples
-/// than the capacity are all fitted, and verified on themselves.
+/// Samples to fit, evenly thinned, and samples to hold back, halfway between them. If there are fewer samples, all are fitted,
+/// and verified on themselves.
 fn thin_evenly(samples: &[Sample]) -> [Vec<Sample>; 2] {
     let fit_count = samples.len().min(MAX_FIT_ROWS);
     [0.0, 0.5].map(|phase| {

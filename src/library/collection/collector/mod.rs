@@ -117,7 +117,6 @@ impl<'a> Collector<'a> {
             return;
         }
         self.has_unsaved_change = true;
-        self.header.distinct_sample_count = self.header.distinct_sample_count.saturating_add(1);
         if result == OfferedSampleResult::Stored {
             self.header.stored_count = self.header.stored_count.wrapping_add(1);
             if let Some(coverage) = coverage {
@@ -204,10 +203,10 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Number of distinct samples, stored or not.
+    /// Number of samples taken, stored or not; wraps.
     #[must_use]
-    pub fn distinct_sample_count(&self) -> u32 {
-        self.header.distinct_sample_count
+    pub fn taken_count(&self) -> u16 {
+        self.header.part_states.iter().fold(0, |sum, state| sum.wrapping_add(state.taken_count))
     }
 
     /// Number of samples stored, including replacements; wraps.

@@ -145,7 +145,7 @@ fn a_new_collection_is_as_if_it_were_the_first() {
         let state = |collector: &Collector| {
             let stored = CollectionPart::ALL_PARTS.map(|part| stored_times_ms(collector, part));
             let marks = collector.fit_samples().marks.to_vec();
-            let counts = (collector.distinct_sample_count(), collector.stored_count());
+            let counts = (collector.taken_count(), collector.stored_count());
             (collector.collection_progress(), collector.procedure(), stored, marks, counts)
         };
         let first = state(&collected(procedure, later()));

@@ -43,8 +43,6 @@ pub(in crate::collection) struct CollectionHeader {
     pub mark_count: u16,
     /// Number of samples stored, including replacements; wraps.
     pub stored_count: u16,
-    /// Number of distinct samples, stored or not.
-    pub distinct_sample_count: u32,
     /// States of the parts by [`CollectionPart::index`].
     pub part_states: [PartState; CollectionPart::ALL_PARTS.len()],
     pub flight_statistics: FlightStatistics,
@@ -54,7 +52,7 @@ pub(in crate::collection) struct CollectionHeader {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::collection) struct PartState {
     /// Number of samples taken, stored or not; wraps at a multiple of the hold-back cycle.
-    taken_count: u16,
+    pub taken_count: u16,
     /// Number of sectors with at least one sample.
     pub covered_sector_count: u8,
     /// Completeness, 0..100 percent.
@@ -81,7 +79,6 @@ impl CollectionHeader {
         clock_ms: 0,
         mark_count: 0,
         stored_count: 0,
-        distinct_sample_count: 0,
         part_states: [PartState::EMPTY; _],
         flight_statistics: FlightStatistics::EMPTY,
     };
@@ -137,7 +134,6 @@ words!(CollectionHeader {
     clock_ms,
     mark_count,
     stored_count,
-    distinct_sample_count,
     part_states,
     flight_statistics,
 });

@@ -1,6 +1,6 @@
 use testkit::random::Random;
 
-use super::super::test_samples::{circle_sample, collected, test_sample, turn_samples};
+use super::super::test_samples::{circle_sample, collected, stored_times_ms, test_sample, turn_samples};
 use super::*;
 use crate::calibration::CollectionPart;
 use crate::calibration::method_selection::Procedure;
@@ -70,6 +70,17 @@ fn a_constant_heading_gives_no_coverage() {
 fn few_samples_give_no_coverage() {
     let coverage = level_coverage(&collected_at_headings((0..5_u8).map(|i| f32::from(i) * 72.0)));
     assert_eq!((coverage.fit_count, coverage.covered_sector_count, coverage.percent), (4, 0, 0));
+}
+
+/// After two circles a vehicle stands at one heading for ten minutes.
+#[test]
+fn standing_replaces_no_sample_of_the_circles() {
+    let circles = (0..90_u16).map(|i| f32::from(i) * 9.0);
+    let collector = collected_at_headings(circles.chain(core::iter::repeat_n(100.0, 1500)));
+    let stored = stored_times_ms(&collector, CollectionPart::LEVEL).concat();
+    assert_eq!(stored.len(), 588, "the buffer is full");
+    let circle_count = stored.iter().filter(|ms| **ms < 90 * 400).count();
+    assert_eq!(circle_count, 90);
 }
 
 #[test]

@@ -100,7 +100,7 @@ impl TrialSchedule {
 
     /// Whether a trial is due; counts it as started.
     pub fn start_trial_if_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
-        let (new_samples, stored_count) = (collector.distinct_sample_count() as u16, collector.stored_count());
+        let (new_samples, stored_count) = (collector.taken_count(), collector.stored_count());
         let is_early = if self.represented_trials == 0 {
             stored_count < MIN_SAMPLES
         } else {

@@ -18,7 +18,7 @@ use crate::log::{self, FieldCorrection, LoggedFlight};
 use crate::numbers;
 use crate::replay::data_loss;
 use crate::replay::evaluation::CorrectionSource;
-use crate::replay::sensor_failure::find_sensor_failure;
+use crate::replay::sensor_failure::{SensorFailure, find_sensor_failure};
 use crate::test_flight::{flight_of_motion, logged_flight, record_turns};
 
 /// A calibrating flight of turns without field latency, with wrong offsets in the autopilot, and its evaluation.
@@ -172,15 +172,16 @@ fn the_longest_frozen_field_is_reported() {
     }
 }
 
-/// Gaps up to 10 s occur with slow cards.
+/// Gaps up to 10 s occur with slow cards. A field that ends before it begins has no readings.
 #[test]
 fn a_field_ending_over_10_s_before_the_log_is_reported() {
-    for (early_s, is_reported) in [(5.0, false), (15.0, true)] {
+    for (early_s, is_reported, has_readings) in [(5.0, false, true), (15.0, true, true), (1e9, true, false)] {
         let (mut flight, compass) = compass_of_flown_turns();
         let end_s = flight.attitude.rows().last().unwrap().t_s;
         flight.compasses[0].field.retain_rows(|_, reading| reading.t_s <= end_s - early_s);
         let failure = find_sensor_failure(&flight, &flight.compasses[0], &compass.rows);
         assert_eq!(failure.is_some(), is_reported, "{early_s}");
+        assert_eq!(failure != Some(SensorFailure::NoReadings), has_readings, "{early_s}");
     }
 }
 
