@@ -203,13 +203,13 @@ fn a_clipped_axis_is_detected() {
     }
 }
 
-/// The configuration is read back once a second: at most 1.5 of 175 s are lost. A flip that resembles a hard-iron
-/// change costs five seconds more, in at most one of six flights.
+/// The configuration is read back ten times a second: at most two sentences of 175 s are empty. `upset-scale`, measured over 20 flights
+/// from seed 1, has 0.26 deg RMS, as without a fault; read back once a second, 0.63.
 #[test]
-fn a_flipped_configuration_bit_is_corrected_within_1_5_s() {
+fn a_flipped_configuration_bit_costs_two_sentences() {
     for row in run_cases(&["upset-scale", "upset-self-test", "upset-byte-order"]) {
-        assert!(row.empty_percent <= 100.0 * 2.4 / 175.0 && row.longest_bad_s <= 1.0, "{row:?}");
-        assert!(row.within_three_sigma_percent > 96.0, "{row:?}");
+        assert!(row.empty_percent <= 100.0 * 0.2 / 175.0 && row.longest_bad_s <= 0.1, "{row:?}");
+        assert!(row.rms_deg <= 0.5 && row.within_three_sigma_percent > 98.0, "{row:?}");
     }
 }
 
@@ -355,20 +355,24 @@ fn gyro_errors_are_estimated() {
     }
 }
 
-/// Rates of twice the size for at most a second: of an autopilot's report that contradicts them, its own are used. Measured
-/// over 24 flights of seed 141: 0.43 % bad where they were used until several reports had contradicted them, else 0.
+/// Rates of twice the size, until the chip's configuration is verified after at most 0.1 s and restored. Of an autopilot's report that
+/// contradicts them, its own rates are used, and after the repair a new integral of the heading begins. Measured over 20 flights from
+/// seed 1 of MAVLink and of MSP: 0.30 and 0.36 deg RMS; 0.75 and 0.98 with a verification each second, 0.28 and 0.63 without a new
+/// integral. Before a repair cleared what wrong rates had shown, a third of the headings was empty with seed 13.
 #[test]
 fn an_upset_of_the_own_gyro_does_not_turn_the_heading() {
-    for row in run_whole_plan(IntegrityPlan { flights_per_case: 8, seed: 41, ..TEST_PLAN }, &["imu-upset"]) {
-        assert!(row.bad_percent <= 0.1 && row.empty_percent <= 1.0, "{row:?}");
+    for (attitude_protocol, seed) in [(Mavlink, 41), (Mavlink, 13), (Msp, 1)] {
+        let plan = IntegrityPlan { attitude_protocol, flights_per_case: 8, seed, ..TEST_PLAN };
+        for row in run_whole_plan(plan, &["imu-upset"]) {
+            assert!(row.bad_percent <= 0.1 && row.empty_percent <= 0.2 && row.rms_deg <= 0.5, "{row:?}");
+        }
     }
 }
 
 /// The own gyro shows within a movement that the autopilot's attitude is late, which is corrected, hangs or leans; a stuck sensor stays
-/// found. Measured over 40 flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad, and over 20 0.01. Before the vertical was
-/// compared in the gyro's frame, axis by axis, the first four were 0.02, 0.0, 1.7 and 6.4 %; before the field arbitrated between the own
-/// gyro and rates that are computed from a leaning attitude, the next two 2.0 and 1.3 %. Before a repair of the gyro's chip cleared what
-/// its wrong rates had shown, a third of the last ones' headings was empty.
+/// found. Measured over 40 flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad. Before the vertical was compared in the
+/// gyro's frame, axis by axis, the first four were 0.02, 0.0, 1.7 and 6.4 %; before the field arbitrated between the own gyro and rates
+/// that are computed from a leaning attitude, the next two 2.0 and 1.3 %.
 #[test]
 fn the_own_gyro_checks_the_autopilots_attitude() {
     let automatic = IntegrityPlan { attitude: AttitudeSource::Automatic, ..TEST_PLAN };
@@ -379,7 +383,6 @@ fn the_own_gyro_checks_the_autopilots_attitude() {
         (VehicleKind::Plane, Mavlink, 5, "stuck-noisy", 1.0, 80.0..=100.0),
         (VehicleKind::Plane, Msp, 17, "lean-30", 1.0, 70.0..=100.0),
         (VehicleKind::Plane, Msp, 1, "imu-stuck-z", 0.5, 0.0..=3.0),
-        (VehicleKind::Plane, Mavlink, 13, "imu-upset", 0.1, 0.0..=3.0),
     ] {
         for row in run_whole_plan(IntegrityPlan { aircraft, attitude_protocol, seed, ..automatic }, &[case]) {
             assert!(row.bad_percent <= bad_percent && empty_percent.contains(&row.empty_percent), "{row:?}");

@@ -13,8 +13,8 @@ const RETRY_DELAY: Duration = Duration::from_millis(200);
 /// Timeout of a driver call: a longer one means that the bus hangs.
 const DRIVER_TIMEOUT: Duration = Duration::from_millis(400);
 
-/// Interval of configuration checks: a flipped bit costs at most a second of headings.
-const VERIFICATION_INTERVAL: Duration = Duration::from_secs(1);
+/// Interval of configuration checks. Of a turn, wrong rates for longer are worse than a gap.
+const VERIFICATION_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Longest time between measurements and failures of a chip that does not measure, milliseconds.
 pub(super) const MAX_EVENT_INTERVAL_MS: u64 = RETRY_DELAY.as_millis() + DRIVER_TIMEOUT.as_millis();

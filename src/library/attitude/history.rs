@@ -141,8 +141,9 @@ impl AttitudeHistory {
     }
 
     /// Forgets the motion by body rates that may have been wrong, and what it has shown.
-    pub const fn restart_stale_attitude_detector(&mut self) {
+    pub const fn forget_motion(&mut self) {
         self.stale_attitude_detector = StaleAttitudeDetector::new();
+        self.reports.end_run();
     }
 
     /// Direction of the last corrected field in body axes.

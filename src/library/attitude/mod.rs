@@ -67,7 +67,7 @@ impl AttitudeTrack {
     /// Adds an estimate of the own sensors from a sample taken at `at`.
     pub fn push_inertial_attitude(&mut self, at: Timestamp, estimate: &InertialAttitude) {
         if self.own.push_estimate(at, estimate) {
-            self.autopilot.restart_stale_attitude_detector();
+            self.autopilot.forget_motion();
         }
     }
 

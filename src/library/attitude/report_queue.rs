@@ -16,30 +16,39 @@ pub(super) struct ReportQueue<const N: usize> {
     reports: HistoryBuf<TimedReport, N>,
     /// Number before that of the first run of the integrated heading.
     number_before_runs: u8,
+    /// Whether the next report starts a new run.
+    is_run_ended: bool,
 }
 
 impl<const N: usize> ReportQueue<N> {
     /// An empty queue. Run numbers of two sources must differ.
     pub const fn new(number_before_runs: u8) -> Self {
-        Self { reports: HistoryBuf::new(), number_before_runs }
+        Self { reports: HistoryBuf::new(), number_before_runs, is_run_ended: false }
     }
 
     pub fn newest(&self) -> Option<&TimedReport> {
         self.reports.recent()
     }
 
-    /// Adds a report, later than the newest one. After a gap of more than `max_integrated_gap_us`, or from another
-    /// sender, a new run of the integrated heading starts.
+    /// Adds a report, later than the newest one. After a gap of more than `max_integrated_gap_us`, from another sender, or
+    /// after the [end](Self::end_run) of a run, a new run of the integrated heading starts.
     pub fn push_report(&mut self, sent_at: Timestamp, report: AttitudeReport, max_integrated_gap_us: u32) {
+        let is_run_ended = core::mem::take(&mut self.is_run_ended);
         let heading_integral = match self.newest() {
             Some(last) => {
                 let gap_us = sent_at.us_since(last.sent_at);
-                let is_continued = gap_us <= u64::from(max_integrated_gap_us) && last.report.sender == report.sender;
+                let is_continued =
+                    gap_us <= u64::from(max_integrated_gap_us) && last.report.sender == report.sender && !is_run_ended;
                 last.heading_integral.integrate_to_report(&report, is_continued.then_some(gap_us as f32 * 1e-6))
             }
             None => HeadingIntegral::before_run(self.number_before_runs).integrate_to_report(&report, None),
         };
         self.reports.write(TimedReport { sent_at, report, heading_integral });
+    }
+
+    /// Ends the run of the integrated heading, whose rates may have been wrong.
+    pub const fn end_run(&mut self) {
+        self.is_run_ended = true;
     }
 
     /// Attitude of the instant that reports sent at `sent_at` describe.
