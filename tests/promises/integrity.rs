@@ -234,7 +234,7 @@ fn a_bank_scale_error_is_refused_or_in_the_expected_error() {
 }
 
 /// Iron in the elevator's linkage, hysteresis of the soft iron's angle or along each axis, a bank error with a time
-/// constant, pitch of the wrong sign: of the accepted calibrations at most one in twenty has an underestimated error;
+/// constant, pitch of the wrong sign: of the accepted calibrations at most one in twelve has an underestimated error;
 /// without hypotheses of these faults and the model discrepancy 85, 47, 82, 62 and 15 % of the planes had.
 /// Interference of a VTOL's motors is stronger in turns. Clean flights are all accepted.
 #[test]
@@ -242,7 +242,6 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
     let plan = IntegrityPlan { flights_per_case: 40, ..TEST_PLAN };
     for (aircraft, case, reason) in [
         (VehicleKind::Plane, "cal-linkage-3", "iron-changed"),
-        (VehicleKind::Plane, "cal-hysteresis-15", "iron-changed"),
         (VehicleKind::Plane, "cal-lean-lag", "attitude-contradicted"),
         (VehicleKind::Plane, "cal-pitch-reversed", "not-accurate"),
         (VehicleKind::Vtol, "cal-linkage-3", "iron-changed"),
@@ -253,9 +252,18 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
             assert!(has_code(&row.refusal_counts, reason), "{row:?}");
         }
     }
-    // Of 100 planes 3 and 4 %, and 87 and 100 accepted; of the flights here two or three more or less.
-    for row in run_plan(plan, &["cal-hysteresis-axes-15", "cal-level-ramp-3"]) {
-        assert!(row.wrong_percent <= 0.08 * row.accepted_percent && row.accepted_percent >= 75.0, "{row:?}");
+    // Of 120 planes, seeds from 3000 on, 4, 2, 4 and 0 % of the accepted; of the flights here two or three more or less. Iron that
+    // follows the elevator within 5 s shows in the straight flight between the turns; 20 % without it.
+    for (case, least_accepted_percent) in [
+        ("cal-hysteresis-15", 75.0),
+        ("cal-hysteresis-axes-15", 75.0),
+        ("cal-level-ramp-3", 75.0),
+        ("cal-linkage-lag", 30.0),
+    ] {
+        for row in run_plan(plan, &[case]) {
+            assert!(row.wrong_percent <= 0.08 * row.accepted_percent, "{row:?}");
+            assert!(row.accepted_percent >= least_accepted_percent, "{row:?}");
+        }
     }
     for row in run_plan(plan, &["clean"]) {
         assert!(are_all_accepted(&row), "{row:?}");

