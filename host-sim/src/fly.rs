@@ -34,7 +34,7 @@ use crate::print::{self, append_wrapped, command_line, content_width_table, righ
 /// before and after the calibration at twelve headings in level flight and in turns, with exact field and true
 /// attitude. The error of the headings streamed in flight, with noise and latency, is listed separately.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\nRoutines, none longer than three minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\nRoutines, none longer than three and a half minutes; each ends automatically; `cal solve` ends it with the samples collected so far:\n\n{}", simulator::routine::all_instructions()))]
 pub struct FlyOptions {
     /// Seed of weather, ground, waves, noise and, for `random`, of airframe and place, 0 to 18446744073709551615
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = integer_in_range(0, u64::MAX))]

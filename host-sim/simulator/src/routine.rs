@@ -1,4 +1,4 @@
-//! Calibration routines by vehicle kind, each at most three minutes, the legs flown for evaluation afterwards, and
+//! Calibration routines by vehicle kind, each at most three and a half minutes, the legs flown for evaluation afterwards, and
 //! random legs.
 
 use crate::random::RandomStream;
