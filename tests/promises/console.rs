@@ -5,6 +5,7 @@ use simulator::module::Module as _;
 use simulator::rig::Rig;
 use simulator::world::WorldConfig;
 use simulator::world::aircraft::PrescribedMotion;
+use simulator::world::autopilot::Leg;
 use testkit::documents;
 use testkit::frames::mavlink_attitude;
 
@@ -100,6 +101,23 @@ fn status_shows_what_is_connected() {
     // 4000 zero bytes occupy the line for a third of a second, so the next attitude is stale.
     assert!(status.contains("attitude: none"), "{status}");
     assert!(status.contains("heading: none, sensor-silent"), "{status}");
+}
+
+/// The pilot sees that the straight flight between the turns counts: a sample in 0.4 s.
+#[test]
+fn status_counts_level_samples_after_a_turn() {
+    let mut rig = table1_rig();
+    assert_eq!(answer(&mut rig, "cal start turns"), "ok collecting");
+    let mut level_samples = || -> u32 {
+        let status = answer(&mut rig, "status");
+        let (_, count) = status.strip_suffix(" level samples").and_then(|rest| rest.rsplit_once(", ")).expect(&status);
+        rig.world.append_leg(Leg::Turn { bank_deg: 25.0, heading_change_deg: 90.0 });
+        rig.run_for_s(30.0);
+        count.parse().unwrap()
+    };
+    assert_eq!(level_samples(), 0, "none before the first turn: the aircraft may be parked");
+    let samples = level_samples();
+    assert!((20..=60).contains(&samples), "{samples} in 30 s with a quarter of a circle");
 }
 
 #[test]

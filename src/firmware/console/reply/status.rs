@@ -37,12 +37,13 @@ pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: 
 fn write_progress_summary(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
     let progress = &report.collection_progress;
     let [left, right, level, free] = CollectionPart::ALL_PARTS.map(|part| progress.coverage_of(part));
-    let (left, right, level) = (left.percent, right.percent, level.percent);
+    let (left, right) = (left.percent, right.percent);
     write!(out, "collecting: {}", progress.procedure.procedure_name())?;
     match progress.procedure {
-        Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, level {level} %"),
-        Procedure::Level => writeln!(out, ", {level} %"),
-        Procedure::Swing => writeln!(out, ", {} marks, level {level} %", progress.mark_count),
+        // Straight flight covers no circle.
+        Procedure::Turns => writeln!(out, ", left {left} %, right {right} %, {} level samples", level.fit_count),
+        Procedure::Level => writeln!(out, ", {} %", level.percent),
+        Procedure::Swing => writeln!(out, ", {} marks, level {} %", progress.mark_count, level.percent),
         Procedure::Flight | Procedure::Tumble => writeln!(out, ", {} samples", free.fit_count),
     }
 }
