@@ -108,7 +108,7 @@ fn after_a_change_of_iron_parameters_fit_what_was_flown_since() {
                 panic!("seed {seed}: {:?}", compass.causes.hard_iron_changes)
             };
             assert!(
-                (change.hard_iron_step.time_s - CHANGE_TIME_S).abs() < 0.5 && change.heading_effect_deg > 5.0,
+                (change.time_s - CHANGE_TIME_S).abs() < 0.5 && change.heading_effect_deg > 5.0,
                 "seed {seed}: {change:?}"
             );
             assert_judgement(verdict, CompassState::Bad, CompassAction::LoadParameters);

@@ -5,7 +5,6 @@ use log_analysis::log::log_writers::{
     FlightRecording, encode_blackbox, encode_csv, encode_dataflash, encode_tlog, encode_ulog,
 };
 use log_analysis::replay::evaluation::{CompassEvaluation, CorrectionSource, evaluate_flight};
-use log_analysis::replay::hard_iron_changes::LoggedHardIronChange;
 use nalgebra::Vector3;
 use simulator::recording::record_turns;
 use simulator::world::{CRUISE_CURRENT_A, WorldConfig};
@@ -146,7 +145,7 @@ fn a_hard_iron_step_is_found_at_any_time_with_its_full_size() {
                 sample.field_ut[0][0] += 8.0;
             }
             let changes = evaluate_compass(&encode_csv(&recording)).1.causes.hard_iron_changes;
-            let [LoggedHardIronChange { hard_iron_step: change, .. }] = changes.as_slice() else {
+            let [change] = changes.as_slice() else {
                 panic!("{at_s} s, {} deg: {changes:?}", world.earth.inclination_deg)
             };
             let off_ut = change.step_ut - Vector3::new(8.0, 0.0, 0.0);

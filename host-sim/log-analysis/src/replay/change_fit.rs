@@ -111,11 +111,6 @@ pub(super) struct FitRow {
 }
 
 impl FitRow {
-    /// The row without its motor current, whose interference is known.
-    pub fn less_interference(self, motor_ut_per_a: &Vector3<f64>) -> Self {
-        Self { raw_ut: self.raw_ut - motor_ut_per_a * self.current_a, current_a: 0.0, ..self }
-    }
-
     pub fn new(row: &ReplayRow, is_changed: bool) -> Self {
         Self {
             raw_ut: row.raw_field.ut.map(f64::from),
@@ -137,12 +132,14 @@ fn group_of(is_changed: bool, residual_index: usize) -> usize {
 /// Estimate of all unknowns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChangeFit {
-    correction: FieldCorrection,
+    pub correction: FieldCorrection,
     strength_ut: f64,
     vertical_ut: f64,
     /// Gains and offset that restore the readings of the changed side.
     pub gain: Vector3<f64>,
     pub offset_ut: Vector3<f64>,
+    /// A measurement of the offset and the standard deviation of its components, microtesla.
+    measured_offset: Option<(Vector3<f64>, f64)>,
 }
 
 impl ChangeFit {
@@ -154,6 +151,7 @@ impl ChangeFit {
             vertical_ut: 0.0,
             gain: Vector3::repeat(1.0),
             offset_ut: Vector3::zeros(),
+            measured_offset: None,
         };
         let medians = [0, 1].map(|residual_index| {
             median(rows.iter().filter(|row| !row.is_changed).map(|row| fit.residuals_ut(row)[residual_index]))
@@ -173,6 +171,16 @@ impl ChangeFit {
         let gain = (self.correction.matrix.try_inverse()? * other.matrix).diagonal();
         let offset_ut = other.hard_iron_ut - self.correction.hard_iron_ut.component_div(&gain);
         gain.iter().all(|axis| axis.abs() > 1e-3).then(|| self.with_change(gain, offset_ut))
+    }
+
+    /// The estimate with a measurement of the offset and its standard deviation, microtesla.
+    pub fn with_measured_offset(&self, measured_offset: (Vector3<f64>, f64)) -> Self {
+        Self { measured_offset: Some(measured_offset), ..*self }
+    }
+
+    /// Whether the offset is measured.
+    pub fn is_measured(&self) -> bool {
+        self.measured_offset.is_some()
     }
 
     /// The estimate with the difference of hard iron to that of another correction.
@@ -299,19 +307,61 @@ impl ChangeFit {
         best.map(|(index, _)| index)
     }
 
-    /// Standard deviations of the step of hard iron, microtesla, of residuals of which `correlated_rows` successive ones
+    /// Corrections of the unchanged and of the changed side, by a fit of hard iron.
+    pub fn corrections_of_sides(&self) -> [FieldCorrection; 2] {
+        let changed_ut = self.correction.hard_iron_ut + self.offset_ut;
+        [self.correction, FieldCorrection { hard_iron_ut: changed_ut, ..self.correction }]
+    }
+
+    /// The offset in the corrected field, microtesla.
+    pub fn corrected_offset_ut(&self) -> Vector3<f64> {
+        self.correction.matrix * self.offset_ut
+    }
+
+    /// Horizontal component of the Earth's field, microtesla.
+    pub fn horizontal_ut(&self) -> f64 {
+        (square(self.strength_ut) - square(self.vertical_ut)).max(1.0).sqrt()
+    }
+
+    /// Standard deviations of the offset of hard iron, microtesla, of residuals of which `correlated_rows` successive ones
     /// count as one.
-    pub fn step_sigma_ut(&self, rows: &[FitRow], correlated_rows: f64) -> Option<Vector3<f64>> {
-        let free = free_directions(Hypothesis::HardIron);
-        let equations = self.normal_equations(rows, &self.scales_ut(rows), self);
-        let covariance = (free.transpose() * equations.normal * &free).cholesky()?.inverse() * correlated_rows;
+    pub fn offset_sigma_ut(&self, rows: &[FitRow], correlated_rows: f64) -> Option<Vector3<f64>> {
+        let information = self.information(rows, Hypothesis::HardIron, &self.scales_ut(rows), correlated_rows);
+        let covariance = information.cholesky()?.inverse();
         Some(Vector3::from_fn(|axis, _| covariance[(GAIN + axis, GAIN + axis)].max(0.0).sqrt()))
+    }
+
+    /// Information of the rows, of which `correlated_rows` successive ones count as one, and of the priors about the
+    /// unknowns of a hypothesis.
+    fn information(
+        &self,
+        rows: &[FitRow],
+        hypothesis: Hypothesis,
+        scales: &Scales,
+        correlated_rows: f64,
+    ) -> DMatrix<f64> {
+        let free = free_directions(hypothesis);
+        let Equations { normal, .. } = self.normal_equations(rows, scales, self);
+        let mut information = free.transpose() * normal * &free / correlated_rows;
+        for (i, sigma) in self.change_sigmas(hypothesis).iter().enumerate() {
+            information[(GAIN + i, GAIN + i)] += square(*sigma).recip();
+        }
+        information
+    }
+
+    /// Prior standard deviations of the change.
+    fn change_sigmas(&self, hypothesis: Hypothesis) -> Vec<f64> {
+        match self.measured_offset.filter(|_| hypothesis == Hypothesis::HardIron) {
+            Some((_, sigma_ut)) => vec![sigma_ut; 3],
+            None => hypothesis.prior_sigmas(self.offset_ut.norm()),
+        }
     }
 
     /// Fits the correction and the unknowns of a hypothesis.
     pub fn fitted(&self, rows: &[FitRow], hypothesis: Hypothesis) -> Self {
         let free = free_directions(hypothesis);
-        let start = *self;
+        let start =
+            Self { offset_ut: self.measured_offset.map_or(self.offset_ut, |(offset_ut, _)| offset_ut), ..*self };
         let (mut fit, mut damping) = (*self, 1e-3);
         for _ in 0..MAX_ITERATIONS {
             let scales = fit.scales_ut(rows);
@@ -351,19 +401,16 @@ impl ChangeFit {
         scales: &Scales,
         correlated_rows: f64,
     ) -> f64 {
-        let free = free_directions(hypothesis);
-        let Equations { normal, .. } = self.normal_equations(rows, scales, self);
-        let mut information = free.transpose() * normal * &free / correlated_rows;
-        let prior_sigmas = hypothesis.prior_sigmas(self.offset_ut.norm());
-        for (i, sigma) in prior_sigmas.iter().enumerate() {
-            information[(GAIN + i, GAIN + i)] += square(*sigma).recip();
-        }
-        let half_log_determinant = information
+        let half_log_determinant = self
+            .information(rows, hypothesis, scales, correlated_rows)
             .cholesky()
             .map_or(f64::INFINITY, |cholesky| cholesky.l().diagonal().iter().map(|pivot| libm::log(*pivot)).sum());
         self.negative_log_likelihood(rows, scales) / correlated_rows
             + half_log_determinant
-            + prior_sigmas.iter().map(|sigma| libm::log(*sigma)).sum::<f64>()
+            + self.change_sigmas(hypothesis).iter().map(|sigma| libm::log(*sigma)).sum::<f64>()
+            + self.measured_offset.map_or(0.0, |(offset_ut, sigma_ut)| {
+                (self.offset_ut - offset_ut).norm_squared() / square(sigma_ut) / 2.0
+            })
     }
 
     fn unknowns(&self) -> SVector<f64, UNKNOWNS> {
@@ -391,6 +438,7 @@ impl ChangeFit {
             vertical_ut: moved[VERTICAL],
             gain: vector(GAIN),
             offset_ut: vector(OFFSET),
+            measured_offset: self.measured_offset,
         }
     }
 
@@ -403,6 +451,7 @@ impl ChangeFit {
             MOTOR_CURRENT..STRENGTH => 1.0,
             STRENGTH => 1e-3,
             GAIN..OFFSET => 10.0,
+            OFFSET.. => self.measured_offset.map_or(hard_iron_ut, |(_, sigma_ut)| sigma_ut),
             _ => hard_iron_ut,
         })
     }

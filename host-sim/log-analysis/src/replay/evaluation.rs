@@ -6,19 +6,17 @@ use rayon::prelude::*;
 
 use super::baseline_fits;
 use super::bending_load::{BendingLoad, find_bending_loads};
+use super::field_change::{HardIronChange, SensorChange, find_changes};
 use super::field_latency::{self, FieldLatency};
-use super::flown_headings::yaw_sectors;
-use super::hard_iron_changes::{LoggedHardIronChange, find_changes};
 use super::parameter_export::CorrectedTerms;
 use super::parameter_fit::ParameterFit;
 use super::row_headings::score_field;
-use super::sensor_change::{SensorChange, find_sensor_change};
 use super::sensor_failure::{SensorFailure, find_sensor_failure};
 use crate::log::{FieldCorrection, LoggedCompass, LoggedFlight, mounting_parameter_changes};
 use crate::replay::reference::{ReferenceHeading, ReferenceKind};
 use crate::replay::replay_run::replay_rows;
 use crate::replay::result::{EarthFieldPrior, HeadingScore, ReplayResult, RowSelection};
-use crate::replay::row::{ReplayRow, split_at_time};
+use crate::replay::row::ReplayRow;
 use crate::replay::rows::{RowCounts, build_rows};
 
 /// Options of an evaluation.
@@ -84,8 +82,8 @@ pub struct CompassEvaluation {
 #[derive(Clone, Debug, Default)]
 pub struct FieldCauses {
     /// Changes of hard iron, in order of time.
-    pub hard_iron_changes: Vec<LoggedHardIronChange>,
-    /// Change of the sensor; the changes of hard iron that it appears as are removed.
+    pub hard_iron_changes: Vec<HardIronChange>,
+    /// Change of the sensor; then no other causes are found, since it appears as such.
     pub sensor_change: Option<SensorChange>,
     /// Loads that bend the field.
     pub bending_loads: Vec<BendingLoad>,
@@ -234,7 +232,7 @@ impl SharedInputs<'_> {
         let last_change_s = causes
             .hard_iron_changes
             .iter()
-            .map(|change| change.hard_iron_step.time_s)
+            .map(|change| change.time_s)
             .chain(causes.sensor_change.map(|change| change.time_s))
             .chain(remounted.into_iter().map(|(_, at_s)| at_s))
             .reduce(f64::max);
@@ -265,17 +263,12 @@ impl SharedInputs<'_> {
     fn find_causes(&self, compass: &LoggedCompass, rows: &[ReplayRow], whole_fit: &ParameterFit) -> FieldCauses {
         let initial = whole_fit.correction().or(compass.correction).unwrap_or_else(FieldCorrection::identity);
         let total_ut = self.earth_ut.or(whole_fit.strength_ut()).unwrap_or(f64::INFINITY);
-        let hard_iron_changes = find_changes(rows, self.flight, &initial, total_ut);
-        // On few headings, iron explains what a changed gain does.
-        let suffice = |rows: &[ReplayRow]| yaw_sectors(self.flight, rows).suffice();
-        let changed = suffice(rows).then(|| find_sensor_change(rows, &initial, &hard_iron_changes)).flatten();
-        let sensor_change = changed.filter(|change| split_at_time(rows, change.time_s).into_iter().all(suffice));
-        if sensor_change.is_some() {
-            // A changed sensor appears as iron and as a load, not only at its time: no fit of both parts is right.
-            return FieldCauses { sensor_change, ..FieldCauses::default() };
-        }
+        let hard_iron_changes = match find_changes(rows, self.flight, &initial, total_ut) {
+            Ok(changes) => changes,
+            Err(change) => return FieldCauses { sensor_change: Some(change), ..FieldCauses::default() },
+        };
         let bending_loads = find_bending_loads(rows, self.flight, &initial, &hard_iron_changes);
-        FieldCauses { hard_iron_changes, sensor_change, bending_loads }
+        FieldCauses { hard_iron_changes, sensor_change: None, bending_loads }
     }
 }
 

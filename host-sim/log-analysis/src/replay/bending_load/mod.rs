@@ -18,7 +18,7 @@ use candidates::{LoadCandidate, load_candidates, load_name, motion_candidates};
 use periodic::{corrected_sigmas, find_line};
 use regression::{LoadFit, ResidualModel};
 
-use super::hard_iron_changes::{LoggedHardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
+use super::field_change::{HardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 use super::row::ReplayRow;
 use crate::log::{FieldCorrection, LoadSource, LoggedFlight};
 use crate::numbers::{mean, square, thinned};
@@ -48,11 +48,11 @@ pub fn find_bending_loads(
     rows: &[ReplayRow],
     flight: &LoggedFlight,
     initial: &FieldCorrection,
-    changes: &[LoggedHardIronChange],
+    changes: &[HardIronChange],
 ) -> Vec<BendingLoad> {
     let usable: Vec<ReplayRow> = rows.iter().filter(|row| row.is_usable).copied().collect();
     let thinned = thinned(&usable, MAX_ROWS);
-    let change_times_s: Vec<f64> = changes.iter().map(|change| change.hard_iron_step.time_s).collect();
+    let change_times_s: Vec<f64> = changes.iter().map(|change| change.time_s).collect();
     let model = |rows: &[ReplayRow]| ResidualModel::new(rows, initial, &change_times_s);
     let around = |values: &[f64], coefficient_ut: Vector3<f64>| {
         ResidualModel::around_load(&thinned, initial, &change_times_s, values, coefficient_ut)

@@ -6,7 +6,7 @@ use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
 use crate::numbers::format_number;
 use crate::replay::evaluation::CompassEvaluation;
-use crate::replay::hard_iron_changes::LoggedHardIronChange;
+use crate::replay::field_change::HardIronChange;
 use crate::replay::rows::RowCounts;
 
 impl Verdict<'_> {
@@ -22,16 +22,17 @@ impl Verdict<'_> {
         if let Some(disagreement) = disagreement {
             add_fact("other compasses", disagreement.to_string());
         }
-        for LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } in &compass.causes.hard_iron_changes {
-            let [x, y, z] = step.step_ut.into();
+        for change in &compass.causes.hard_iron_changes {
+            let HardIronChange { time_s, step_ut, heading_effect_deg, .. } = change;
+            let [x, y, z] = step_ut.data.0[0];
             add_fact(
                 "iron changed",
                 format!(
                     "{} uT at {:.0} s of the log, most on {} (x {x:+.1}, y {y:+.1}, z {z:+.1}), up to {heading_effect_deg:.0} deg of \
                      heading; a drift shows as a step, too",
-                    format_number(step.step_ut.norm(), 1),
-                    step.time_s,
-                    step.axis(),
+                    format_number(step_ut.norm(), 1),
+                    time_s,
+                    change.axis(),
                 ),
             );
         }

@@ -1,13 +1,14 @@
 //! The verdict as a JSON object, which docs/json.md describes.
 
 use autoswing::calibration::Solution;
+use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 use super::flight_verdict::{CompassVerdict, Verdict};
 use super::judgement::CompassAction;
 use crate::numbers::{coefficients_json, round_to};
+use crate::replay::field_change::HardIronChange;
 use crate::replay::gps_course::GpsCourseHeading;
-use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::parameter_export::ExportedCorrection;
 use crate::replay::result::{HeadingScore, ReplayResult};
 
@@ -94,12 +95,7 @@ impl CompassVerdict<'_> {
                 "by": correction_source.source_name(),
                 "against_reference": score.as_ref().map(score_json),
             })).collect::<Vec<_>>(),
-            "changes": compass.causes.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, heading_effect_deg }| json!({
-                "at_s": round_to(step.time_s, 1),
-                "ut": step.step_ut.map(|axis| round_to(axis, 2)).as_slice(),
-                "sigma_ut": step.sigma_ut.map(|axis| round_to(axis, 2)).as_slice(),
-                "bend_deg": round_to(*heading_effect_deg, 1),
-            })).collect::<Vec<_>>(),
+            "changes": compass.causes.hard_iron_changes.iter().map(change_json).collect::<Vec<_>>(),
             "bent_by": compass.causes.bending_loads.iter().map(|load| json!({
                 "code": load.cause.stable_code(),
                 "words": load.to_string(),
@@ -132,6 +128,16 @@ impl CompassVerdict<'_> {
             "smooth": result.smoothed_score.as_ref().map(score_json),
         })
     }
+}
+
+fn change_json(change: &HardIronChange) -> Value {
+    let rounded = |vector: &Vector3<f64>| vector.map(|axis| round_to(axis, 2)).data.0[0];
+    json!({
+        "at_s": round_to(change.time_s, 1),
+        "ut": rounded(&change.step_ut),
+        "sigma_ut": rounded(&change.sigma_ut),
+        "bend_deg": round_to(change.heading_effect_deg, 1),
+    })
 }
 
 fn solution_json(solution: &Solution) -> Value {

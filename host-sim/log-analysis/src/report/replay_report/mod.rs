@@ -9,7 +9,6 @@ use super::model::{
 };
 use crate::numbers::format_number;
 use crate::replay::evaluation::{CompassEvaluation, CorrectionSource, FlightEvaluation};
-use crate::replay::hard_iron_changes::LoggedHardIronChange;
 use crate::replay::heading_deg;
 use crate::replay::parameter_export::field_by_exported_parameters;
 use crate::replay::verdict::{CompassVerdict, Verdict};
@@ -191,11 +190,10 @@ fn event_marks(compass: &CompassEvaluation) -> Vec<EventMark> {
             event_name: if module.outcome.acceptance.is_ok() { "would have calibrated" } else { "would have solved" }
                 .to_owned(),
         });
-    let changed =
-        compass.causes.hard_iron_changes.iter().map(|LoggedHardIronChange { hard_iron_step: step, .. }| EventMark {
-            time_s: step.time_s,
-            event_name: format!("iron changed by {} uT", format_number(step.step_ut.norm(), 1)),
-        });
+    let changed = compass.causes.hard_iron_changes.iter().map(|change| EventMark {
+        time_s: change.time_s,
+        event_name: format!("iron changed by {} uT", format_number(change.step_ut.norm(), 1)),
+    });
     calibrated.into_iter().chain(changed).collect()
 }
 

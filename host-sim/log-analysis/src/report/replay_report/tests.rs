@@ -3,7 +3,7 @@ use autoswing::earth::{Date, EarthField, Position};
 
 use super::*;
 use crate::replay::ReferenceHeading;
-use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::field_change::HardIronChange;
 use crate::replay::parameter_export::ParameterFormat;
 use crate::replay::tests::{FLOWN_TURNS, REFUSED_SOLVE, module_mut};
 
@@ -44,9 +44,12 @@ fn calibration_and_hard_iron_step_are_marked_at_their_times() {
         compass.rows.drain(..300);
         let at_s = compass.rows[0].t_s + 50.0;
         module_mut(compass).outcome.collection_end_s = Some(90.0);
-        let step = HardIronStep { time_s: at_s, step_ut: Vector3::new(1.0, -8.0, 0.0), sigma_ut: Vector3::repeat(0.1) };
-        compass.causes.hard_iron_changes =
-            vec![LoggedHardIronChange { hard_iron_step: step, heading_effect_deg: 15.0 }];
+        compass.causes.hard_iron_changes = vec![HardIronChange {
+            time_s: at_s,
+            step_ut: Vector3::new(1.0, -8.0, 0.0),
+            sigma_ut: Vector3::repeat(0.1),
+            heading_effect_deg: 15.0,
+        }];
     });
     let [calibrated, changed] = report.compasses[0].event_marks.as_slice() else { panic!("two marks") };
     // Times are on the log's clock.

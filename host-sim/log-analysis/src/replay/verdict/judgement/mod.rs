@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::replay::bending_load::BendingLoad;
 use crate::replay::evaluation::CompassEvaluation;
-use crate::replay::hard_iron_changes::{LoggedHardIronChange, temporary_change_start_s};
+use crate::replay::field_change::{HardIronChange, temporary_change_start_s};
 use crate::replay::logged_accuracy::{LoggedAccuracy, UnknownError};
 use crate::replay::parameter_choice::{NoParameters, is_mostly_inexpressible};
 use crate::replay::parameter_export::orientation::FixedOrientation;
@@ -60,7 +60,7 @@ pub enum JudgementReason {
         /// Start of a temporary change, seconds; none if the last change does not cancel the one before.
         temporary_from_s: Option<f64>,
         /// The last change.
-        change: LoggedHardIronChange,
+        change: HardIronChange,
     },
     /// A load, such as the motors, bends the field.
     BentBy(BendingLoad),
@@ -253,7 +253,7 @@ impl fmt::Display for CompassJudgement {
             let text = match reason {
                 JudgementReason::SensorFailed(failure) => format!("failed: {failure}"),
                 JudgementReason::HardIronChanged { temporary_from_s, change } => {
-                    let LoggedHardIronChange { hard_iron_step: step, heading_effect_deg } = change;
+                    let HardIronChange { time_s, step_ut, heading_effect_deg, .. } = change;
                     let [had, since, bent] = match temporary_from_s {
                         Some(from_s) => ["had", &format!("from {from_s:.0} to"), "bent"],
                         None => ["has", "since", "bends"],
@@ -261,8 +261,8 @@ impl fmt::Display for CompassJudgement {
                     format!(
                         "{had} other iron around it {since} {:.0} s, by {:.1} uT, which {bent} headings by up to \
                          {heading_effect_deg:.0} deg",
-                        step.time_s,
-                        step.step_ut.norm()
+                        time_s,
+                        step_ut.norm()
                     )
                 }
                 JudgementReason::BentBy(load) => format!("is bent by {}", load.cause.summary()),

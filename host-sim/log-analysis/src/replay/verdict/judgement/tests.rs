@@ -4,8 +4,7 @@ use super::*;
 use crate::log::FieldCorrection;
 use crate::replay::bending_load::BendingCause;
 use crate::replay::evaluation::FieldCauses;
-use crate::replay::hard_iron_changes::LoggedHardIronChange;
-use crate::replay::hard_iron_step::HardIronStep;
+use crate::replay::field_change::HardIronChange;
 use crate::replay::logged_accuracy::AccuracyEvidence;
 use crate::replay::tests::{compass_of_flown_turns, export_of};
 
@@ -71,9 +70,12 @@ fn judge(
 
 /// A change of hard iron with this effect on headings.
 fn changed_iron(effect_deg: Option<f64>) -> FieldCauses {
-    let hard_iron_step =
-        HardIronStep { time_s: 60.0, step_ut: Vector3::new(0.0, 4.0, 0.0), sigma_ut: Vector3::repeat(0.1) };
-    let change = effect_deg.map(|heading_effect_deg| LoggedHardIronChange { hard_iron_step, heading_effect_deg });
+    let change = effect_deg.map(|heading_effect_deg| HardIronChange {
+        time_s: 60.0,
+        step_ut: Vector3::new(0.0, 4.0, 0.0),
+        sigma_ut: Vector3::repeat(0.1),
+        heading_effect_deg,
+    });
     FieldCauses { hard_iron_changes: change.into_iter().collect(), ..FieldCauses::default() }
 }
 

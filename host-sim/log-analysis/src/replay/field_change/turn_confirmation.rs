@@ -3,11 +3,11 @@
 
 use nalgebra::Vector5;
 
+use super::FoundChange;
 use crate::least_squares::LeastSquares;
 use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
 use crate::numbers::square;
 use crate::replay::flown_headings::{HeadingSectors, yaw_sectors};
-use crate::replay::hard_iron_step::HardIronStep;
 use crate::replay::row::{ReplayRow, heading_deg, split_at_time};
 use crate::score::wrap_180;
 
@@ -25,29 +25,27 @@ const DEVIATION_DEG: f64 = 15.0;
 const MIN_ROWS: usize = 20;
 
 /// Whether the headings flown on both sides determine a change, or the heading jumped with it as far as that is seen.
-/// `rows` are those between the changes before and after it, `initial` is a correction without it.
+/// `rows` are those between the changes before and after it.
 pub(super) fn is_change_possible(
     flight: &LoggedFlight,
     rows: &[ReplayRow],
     turns: &HeadingIntegral,
-    step: &HardIronStep,
-    initial: &FieldCorrection,
+    FoundChange { change, corrections: [before, after], .. }: &FoundChange,
 ) -> bool {
-    let sectors = split_at_time(rows, step.time_s).map(|side| yaw_sectors(flight, side));
+    let sectors = split_at_time(rows, change.time_s).map(|side| yaw_sectors(flight, side));
     if sectors.iter().all(HeadingSectors::suffice) {
         return true;
     }
-    let changed = FieldCorrection { hard_iron_ut: initial.hard_iron_ut + step.step_ut, ..*initial };
-    let near = rows.iter().filter(|row| row.is_usable && (row.t_s - step.time_s).abs() < SEARCHED_S);
+    let near = rows.iter().filter(|row| (row.t_s - change.time_s).abs() < SEARCHED_S);
     let differences = near.filter_map(|row| {
-        let heading = |correction| heading_deg(row, row.corrected_field(correction));
-        let t_s = row.t_s - step.time_s;
-        let jump_deg = if t_s >= 0.0 { wrap_180(heading(initial) - heading(&changed)) } else { 0.0 };
+        let heading = |correction: &FieldCorrection| heading_deg(row, row.corrected_field(correction));
+        let t_s = row.t_s - change.time_s;
+        let jump_deg = if t_s >= 0.0 { wrap_180(heading(before) - heading(after)) } else { 0.0 };
         let (part, turn_deg) = match row.reference_deg {
             Some(reference_deg) => (usize::MAX, reference_deg),
             None => turns.part_and_heading_rad(row.t_s).map(|(part, rad)| (part, rad.to_degrees()))?,
         };
-        let heading_deg = heading(initial);
+        let heading_deg = heading(before);
         Some(Difference { t_s, part, heading_deg, deg: heading_deg - turn_deg, jump_deg })
     });
     let differences: Vec<Difference> = differences.collect();
