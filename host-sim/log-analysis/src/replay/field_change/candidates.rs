@@ -2,7 +2,6 @@
 
 use nalgebra::Vector5;
 
-use super::comparison::MIN_ROWS_PER_SIDE;
 use super::jump::{Jump, find_jumps};
 use crate::log::FieldCorrection;
 use crate::numbers::{square, thinned};
@@ -10,6 +9,9 @@ use crate::replay::change_fit::{ChangeFit, FitRow};
 use crate::replay::replay_run::solve_all_rows;
 use crate::replay::row::ReplayRow;
 use crate::replay::row_solve::solved_correction;
+
+/// Least number of rows on a side of a change.
+pub(super) const MIN_ROWS_PER_SIDE: usize = 60;
 
 /// Candidates closer than this are one, seconds.
 const MAX_SAME_TIME_S: f64 = 1.0;

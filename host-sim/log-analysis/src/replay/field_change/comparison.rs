@@ -4,9 +4,9 @@
 use autoswing::calibration::Solution;
 use nalgebra::Vector3;
 
-use super::candidates::Candidate;
+use super::candidates::{Candidate, MIN_ROWS_PER_SIDE};
+use super::hard_iron_change::{HardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 use super::sensor_change::SensorChange;
-use super::{FoundChange, HardIronChange, MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 use crate::log::FieldCorrection;
 use crate::replay::change_fit::{ChangeFit, FitRow, Hypothesis, Scales};
 use crate::replay::replay_run::solve_all_rows;
@@ -19,8 +19,7 @@ const CORRELATION_S: f64 = 2.0;
 
 /// Largest number of rows in a fit.
 const MAX_FITTED_ROWS: usize = 1200;
-/// Least number of rows on a side, and of those on the side of a jump.
-pub(super) const MIN_ROWS_PER_SIDE: usize = 60;
+/// Least number of rows on a side of a jump.
 const MIN_ROWS_PER_SIDE_OF_JUMP: usize = 5;
 /// Time on either side of a change that is not fitted, seconds: the rows are averages, and the time is uncertain.
 pub(super) const SKIPPED_S: f64 = 0.5;
@@ -81,6 +80,15 @@ pub(super) struct Comparison {
     separate_likelihood: f64,
     /// Smallest scales of all fits.
     scales: Scales,
+}
+
+/// A change of hard iron, the candidate that it was found by, and corrections before and after it.
+pub(super) struct FoundChange {
+    pub change: HardIronChange,
+    /// Negative log-likelihood, with the least evidence that is sufficient; comparable between times.
+    pub misfit: f64,
+    pub candidate: Candidate,
+    pub corrections: [FieldCorrection; 2],
 }
 
 /// Fit of a hypothesis with its evidence.

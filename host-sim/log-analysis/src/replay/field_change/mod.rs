@@ -7,13 +7,14 @@
 
 mod candidates;
 mod comparison;
+mod hard_iron_change;
 mod jump;
 mod sensor_change;
 mod turn_confirmation;
 
+pub use hard_iron_change::{HardIronChange, temporary_change_start_s};
+pub(super) use hard_iron_change::{MIN_HEADING_EFFECT_DEG, heading_effect_deg};
 pub use sensor_change::SensorChange;
-
-use nalgebra::Vector3;
 
 use super::data_loss::{self, measured_turns};
 use super::flown_headings::yaw_sectors;
@@ -22,64 +23,14 @@ use super::row_headings::is_monitored;
 use super::rows;
 use crate::log::{FieldCorrection, LoggedFlight};
 use candidates::{Candidate, find_candidates};
-use comparison::{Comparison, SKIPPED_S};
+use comparison::{Comparison, FoundChange, SKIPPED_S};
 use turn_confirmation::is_change_possible;
 
 /// Largest number of changes reported.
 const MAX_CHANGES: usize = 8;
 
-/// Smallest effect of a cause on a level heading, degrees: less is within the error of a good calibration.
-pub(super) const MIN_HEADING_EFFECT_DEG: f64 = 1.0;
-
 /// Shortest duration of a temporary change, seconds: shorter ones affect few rows and are not of the aircraft's iron.
 const MIN_TEMPORARY_CHANGE_S: f64 = 5.0;
-
-/// Largest norm of the sum of two changes that cancel each other, relative to the larger change.
-const MAX_CANCELLED_REMAINDER: f64 = 0.35;
-
-/// A change of hard iron.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HardIronChange {
-    /// Flight time of the change, seconds.
-    pub time_s: f64,
-    /// Step of the raw field, body axes, microtesla.
-    pub step_ut: Vector3<f64>,
-    /// Standard deviation of each component, microtesla.
-    pub sigma_ut: Vector3<f64>,
-    /// Largest effect on a level heading, degrees.
-    pub heading_effect_deg: f64,
-}
-
-impl HardIronChange {
-    /// Axis with the largest component.
-    #[must_use]
-    pub fn axis(&self) -> char {
-        ['x', 'y', 'z'][self.step_ut.iamax()]
-    }
-}
-
-/// A change of hard iron, the candidate that it was found by, and corrections before and after it.
-struct FoundChange {
-    change: HardIronChange,
-    /// Negative log-likelihood, with the least evidence that is sufficient; comparable between times.
-    misfit: f64,
-    candidate: Candidate,
-    corrections: [FieldCorrection; 2],
-}
-
-/// Start of a temporary change, seconds: that of the change before the last, if the last one cancels it.
-#[must_use]
-pub fn temporary_change_start_s(changes: &[HardIronChange]) -> Option<f64> {
-    let [.., first, last] = changes else { return None };
-    let remainder_ut = (first.step_ut + last.step_ut).norm();
-    let larger_ut = first.step_ut.norm().max(last.step_ut.norm());
-    (remainder_ut < MAX_CANCELLED_REMAINDER * larger_ut).then_some(first.time_s)
-}
-
-/// Largest effect of a disturbance on a level heading, degrees.
-pub(super) fn heading_effect_deg(disturbance_ut: Vector3<f64>, horizontal_ut: f64) -> f64 {
-    libm::atan(disturbance_ut.xy().norm() / horizontal_ut).to_degrees()
-}
 
 /// Finds the changes of hard iron, in order of time. `initial` is a correction that fits most of the rows; `total_ut` the
 /// strength of the Earth's field.
@@ -215,13 +166,11 @@ fn neighbour_times_s(found: &[FoundChange], index: usize) -> [f64; 2] {
     [index.checked_sub(1).and_then(time_s).unwrap_or(f64::NEG_INFINITY), time_s(index + 1).unwrap_or(f64::INFINITY)]
 }
 
-/// Rows between two changes, without those next to them.
+/// Rows between two changes, without those next to them; none if the changes are too close.
 fn rows_between(rows: &[ReplayRow], [from_s, to_s]: [f64; 2]) -> &[ReplayRow] {
     let index = |at_s: f64| rows.partition_point(|row| row.t_s < at_s);
-    &rows[index(from_s + SKIPPED_S)..index(to_s - SKIPPED_S)]
+    rows.get(index(from_s + SKIPPED_S)..index(to_s - SKIPPED_S)).unwrap_or_default()
 }
 
-#[cfg(test)]
-mod step_tests;
 #[cfg(test)]
 mod tests;

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector5;
 
-use super::FoundChange;
+use super::comparison::FoundChange;
 use crate::least_squares::LeastSquares;
 use crate::log::{FieldCorrection, HeadingIntegral, LoggedFlight};
 use crate::numbers::square;

@@ -1,3 +1,5 @@
+//! Unit tests of jumps, and of the changes that they measure.
+
 use autoswing::frames::{Field, RollPitch};
 use testkit::random::Random;
 

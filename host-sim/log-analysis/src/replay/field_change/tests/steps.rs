@@ -1,8 +1,10 @@
+//! Unit tests of steps of hard iron.
+
 use autoswing::frames::{Field, Level, RollPitch};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use testkit::random::Random;
 
-use super::*;
+use super::super::*;
 use crate::log::LogFormat;
 use crate::numbers::square;
 

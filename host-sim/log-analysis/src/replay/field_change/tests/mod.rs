@@ -1,3 +1,9 @@
+//! Unit tests of changes of hard iron, and of the sensor.
+
+mod steps;
+
+use nalgebra::Vector3;
+
 use super::comparison::is_large;
 use super::*;
 use crate::replay::change_fit::Hypothesis;
@@ -56,6 +62,14 @@ fn steps_of_hard_iron_are_found_with_their_effect_on_headings() {
 #[test]
 fn a_step_of_the_strength_of_the_earths_field_is_none_of_hard_iron() {
     assert_changes(&changes_by_steps(false, &[(120.0, [50.0, -20.0, 30.0])]), &[], "62 uT");
+}
+
+#[test]
+fn no_rows_are_between_changes_that_are_closer_than_the_time_left_out() {
+    let (_, compass) = compass_of_flown_turns();
+    for (times_s, is_empty) in [([100.0, 100.2], true), ([100.0, 101.0], true), ([100.0, 105.0], false)] {
+        assert_eq!(rows_between(&compass.rows, times_s).is_empty(), is_empty, "{times_s:?}");
+    }
 }
 
 /// A copter turns for half a minute, then stands on one heading, where strength and inclination leave the horizontal
