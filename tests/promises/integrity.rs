@@ -261,7 +261,7 @@ fn faults_that_stay_the_same_are_refused_or_in_the_expected_error() {
         ("cal-level-ramp-3", 75.0, ""),
         ("cal-linkage-lag", 30.0, "iron-changed"),
     ] {
-        for row in run_plan(plan, &[case]) {
+        for row in run_whole_plan(plan, &[case]) {
             assert!(reason.is_empty() || has_code(&row.refusal_counts, reason), "{row:?}");
             assert!(row.wrong_percent <= 0.08 * row.accepted_percent, "{row:?}");
             assert!(row.accepted_percent >= least_accepted_percent, "{row:?}");
@@ -451,7 +451,7 @@ fn a_drift_in_straight_flight_is_in_the_sigma() {
 
 #[test]
 fn wrong_body_rates_do_not_affect_the_heading() {
-    for row in run_cases(&["rates-zero", "rates-degrees"]) {
+    for row in run_whole_plan(TEST_PLAN, &["rates-zero", "rates-degrees"]) {
         // Over 60 flights 0.1 % are empty.
         assert!(row.bad_percent <= 0.05 && row.worst_deg <= 15.0 && row.empty_percent <= 0.3, "{row:?}");
         assert!(row.smooth_percent <= 15.0, "{row:?}");
