@@ -132,7 +132,7 @@ fn group_of(is_changed: bool, residual_index: usize) -> usize {
 /// Estimate of all unknowns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChangeFit {
-    pub correction: FieldCorrection,
+    correction: FieldCorrection,
     strength_ut: f64,
     vertical_ut: f64,
     /// Gains and offset that restore the readings of the changed side.

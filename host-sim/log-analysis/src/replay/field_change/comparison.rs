@@ -260,9 +260,19 @@ impl Comparison {
         fits.min_by(|a, b| a.negative_log_evidence.total_cmp(&b.negative_log_evidence))
     }
 
-    /// The comparison at the time that divides the rows best into unchanged and changed ones by the most probable change. A
-    /// jump has its own time.
-    pub fn refined(self, rows: &[ReplayRow], known: Option<&FieldCorrection>) -> Option<Self> {
+    /// Whether this compares a step at that time with no change.
+    pub fn is_of_step_at(&self, time_s: f64) -> bool {
+        self.candidate.jump.is_none() && self.candidate.time_s.to_bits() == time_s.to_bits()
+    }
+
+    /// The comparison at the time that divides the rows best into unchanged and changed ones by the most probable change; none
+    /// if a step then is compared already. A jump has its own time.
+    pub fn refined(
+        self,
+        rows: &[ReplayRow],
+        known: Option<&FieldCorrection>,
+        is_compared: impl Fn(f64) -> bool,
+    ) -> Option<Self> {
         let earlier: Vec<FitRow> = rows.iter().map(|row| FitRow::new(row, !self.sides.is_later_changed)).collect();
         let best = self.best_fit(|hypothesis| hypothesis != Hypothesis::Unchanged)?;
         let index = best.fit.likeliest_division(&earlier, &self.scales, 0)?;
@@ -271,6 +281,8 @@ impl Comparison {
             Some(Self { candidate, ..self })
         } else if candidate.jump.is_some() {
             Some(self)
+        } else if is_compared(candidate.time_s) {
+            None
         } else {
             Self::new(rows, candidate, known)
         }

@@ -49,6 +49,9 @@ pub fn find_changes(
     let search = ChangeSearch { flight, total_ut, has_turns: is_fast && data_loss::has_integrable_rates(flight) };
     let mut found = Vec::new();
     search.divide(&usable, initial, None, &mut found)?;
+    if found.is_empty() {
+        return Ok(Vec::new());
+    }
     found.sort_by(|a, b| a.change.time_s.total_cmp(&b.change.time_s));
     let found = search.refit_between_neighbours(&usable, found);
     let turns = measured_turns(flight);
@@ -71,7 +74,7 @@ struct ChangeSearch<'a> {
 
 impl ChangeSearch<'_> {
     /// Divides rows at the most evident change of hard iron, and both parts again. `initial` is a correction that fits most of
-    /// the rows; `known` one that is known to fit the rows at one end.
+    /// the rows, `known` the correction at one of their ends, if a change there has shown it.
     fn divide(
         &self,
         rows: &[ReplayRow],
@@ -121,8 +124,8 @@ impl ChangeSearch<'_> {
         Ok(None)
     }
 
-    /// The change of the sensor at the candidate time with the best fit, if it is evident; else the change of hard iron that
-    /// fits best of those that are.
+    /// The change of the sensor at the candidate time with the best fit, if it is evident; else the evident change of hard iron
+    /// with the best fit.
     fn decide_among(
         &self,
         rows: &[ReplayRow],
@@ -132,8 +135,12 @@ impl ChangeSearch<'_> {
         let comparisons = candidates.iter().filter_map(|candidate| Comparison::new(rows, *candidate, known));
         let mut comparisons: Vec<Comparison> = comparisons.collect();
         comparisons.sort_by(|a, b| a.mean_objective().total_cmp(&b.mean_objective()));
-        let mut refined = comparisons.into_iter().filter_map(|comparison| comparison.refined(rows, known));
-        let Some(best) = refined.next() else { return Ok(None) };
+        let mut refined: Vec<Comparison> = Vec::new();
+        for comparison in comparisons {
+            let is_compared = |time_s| refined.iter().any(|other| other.is_of_step_at(time_s));
+            refined.extend(comparison.refined(rows, known, is_compared));
+        }
+        let Some(best) = refined.first() else { return Ok(None) };
         // On few headings, iron explains what a changed gain does.
         let may_be_sensor = || {
             let mut parts = split_at_time(rows, best.candidate.time_s).into_iter();
@@ -142,7 +149,7 @@ impl ChangeSearch<'_> {
         if let Some(change) = best.sensor_change().filter(|_| may_be_sensor()) {
             return Err(change);
         }
-        let found = std::iter::once(best).chain(refined).filter_map(|comparison| comparison.hard_iron_change());
+        let found = refined.iter().filter_map(Comparison::hard_iron_change);
         let found = found.filter(|found| found.change.step_ut.norm() < self.total_ut);
         Ok(found.min_by(|a, b| a.misfit.total_cmp(&b.misfit)))
     }

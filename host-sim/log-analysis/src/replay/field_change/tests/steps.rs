@@ -45,7 +45,7 @@ impl SteppedFlight {
     }
 }
 
-/// The change found in rows without body rates, by a correction that fits most of them; none if there is none.
+/// The change found in rows without body rates, by a correction that fits most of them.
 fn found_change(rows: &[ReplayRow], initial: &FieldCorrection) -> Option<HardIronChange> {
     let flight = LoggedFlight { has_measured_rates: false, ..LoggedFlight::new(LogFormat::Csv) };
     let found = find_changes(rows, &flight, initial, f64::INFINITY).unwrap();
