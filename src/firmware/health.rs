@@ -245,7 +245,8 @@ pub const fn main_sample_loss(counts_before: &EventCounts, counts_after: &EventC
     } else if rejected > accepted {
         Some(SampleLoss::ImpossibleAttitude)
     } else if unpaired >= UNPAIRED_LIMIT_PERCENT {
-        Some(SampleLoss::NoAttitude(unpaired))
+        let is_own = accepted == 0 && counts_after.inertial_readings != counts_before.inertial_readings;
+        Some(if is_own { SampleLoss::InaccurateOwnAttitude(unpaired) } else { SampleLoss::NoAttitude(unpaired) })
     } else {
         None
     }
@@ -288,16 +289,19 @@ mod tests {
             attitude_frames_rejected: 12,
             ..EventCounts::default()
         };
-        for (name, [readings, saturated, clipped, unpaired, reports, rejected], loss) in [
-            ("all became samples", [1000, 0, 0, 0, 600, 0], None),
-            ("some of each", [1000, 40, 0, 450, 600, 600], None),
-            ("saturated before others", [1000, 60, 0, 999, 0, 600], Some(SampleLoss::Saturated(6))),
-            ("saturated or clipped", [1000, 30, 30, 0, 600, 0], Some(SampleLoss::Saturated(6))),
-            ("degrees as radians", [1000, 0, 0, 999, 600, 601], Some(SampleLoss::ImpossibleAttitude)),
-            ("no attitude", [1000, 0, 0, 550, 600, 0], Some(SampleLoss::NoAttitude(55))),
-            ("few readings", [90, 90, 0, 0, 0, 0], None),
-            ("a second of readings", [120, 120, 0, 0, 0, 0], Some(SampleLoss::Saturated(100))),
-            ("no readings", [0; 6], None),
+        for (name, [readings, saturated, clipped, unpaired, reports, rejected, own], loss) in [
+            ("all became samples", [1000, 0, 0, 0, 600, 0, 0], None),
+            ("some of each", [1000, 40, 0, 450, 600, 600, 0], None),
+            ("saturated before others", [1000, 60, 0, 999, 0, 600, 0], Some(SampleLoss::Saturated(6))),
+            ("saturated or clipped", [1000, 30, 30, 0, 600, 0, 0], Some(SampleLoss::Saturated(6))),
+            ("degrees as radians", [1000, 0, 0, 999, 600, 601, 0], Some(SampleLoss::ImpossibleAttitude)),
+            ("no attitude", [1000, 0, 0, 550, 600, 0, 0], Some(SampleLoss::NoAttitude(55))),
+            ("autopilot and own", [1000, 0, 0, 550, 600, 0, 4000], Some(SampleLoss::NoAttitude(55))),
+            ("own attitude", [1000, 0, 0, 550, 0, 0, 4000], Some(SampleLoss::InaccurateOwnAttitude(55))),
+            ("no attitude at all", [1000, 0, 0, 1000, 0, 0, 0], Some(SampleLoss::NoAttitude(100))),
+            ("few readings", [90, 90, 0, 0, 0, 0, 0], None),
+            ("a second of readings", [120, 120, 0, 0, 0, 0, 0], Some(SampleLoss::Saturated(100))),
+            ("no readings", [0; 7], None),
         ] {
             let after = EventCounts {
                 readings: before.readings.wrapping_add(readings),
@@ -306,6 +310,7 @@ mod tests {
                 unpaired_readings: before.unpaired_readings + unpaired,
                 attitude_reports: before.attitude_reports + reports,
                 attitude_frames_rejected: before.attitude_frames_rejected + rejected,
+                inertial_readings: before.inertial_readings.wrapping_add(own),
                 ..before
             };
             assert_eq!(main_sample_loss(&before, &after), loss, "{name}");

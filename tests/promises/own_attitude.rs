@@ -42,10 +42,12 @@ fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
     ((squares / count).sqrt(), within_two_sigma / count)
 }
 
-/// In a field of 54 deg of inclination. Of the rovers, seed 6 has 3 deg at a sigma of 3 deg; without it they have 0.7 deg.
+/// In a field of 54 deg of inclination, all but the boat after some seconds of rest. The speed of an aeroplane is not known.
 #[test]
 fn vehicles_without_an_autopilot_have_a_heading() {
-    for (vehicle_kind, limit_deg) in [(VehicleKind::Rover, 1.2), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 1.0)] {
+    for (vehicle_kind, limit_deg) in
+        [(VehicleKind::Rover, 1.0), (VehicleKind::Hand, 2.0), (VehicleKind::Boat, 1.0), (VehicleKind::Plane, 2.0)]
+    {
         let (rms_deg, within_two_sigma) = fly_missions(vehicle_kind);
         assert!(rms_deg < limit_deg && within_two_sigma > 0.93, "{vehicle_kind:?}: {rms_deg} {within_two_sigma}");
     }

@@ -16,6 +16,7 @@ pub use crate::routine::TurnPlan;
 use log_analysis::score::{ErrorStatistics, within_percent, wrap_180};
 
 use crate::transcript::{self, Refusal, ShownCalibration};
+use crate::world::aircraft::VehicleKind;
 use crate::world::autopilot::Leg;
 use crate::world::{TrueState, World, WorldConfig};
 
@@ -159,18 +160,20 @@ const RUN_STEP_S: f64 = 0.5;
 /// Longest time from a restart to the first line on the console, seconds.
 const MAX_RESTART_S: f64 = 0.5;
 
+/// Rest at the start with the module's own attitude, seconds; the manual asks for two.
+const REST_S: f64 = 5.0;
+
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
 const SOLVE_TIMEOUT_S: f64 = 10.0;
 
 impl<M: Module> Mission<'_, M> {
     fn calibrate(&mut self, routine: &CalibrationRoutine) -> Result<ShownCalibration, Refusal> {
-        self.module.world().set_armed(true);
-        self.fly_leg(TAKE_OFF, routine.take_off);
         let source = self.module.world().world_config().attitude;
         if source != AttitudeSource::Autopilot {
-            let (name, _) = AttitudeSource::NAMED_SOURCES[source as usize];
-            self.send_console_line(&format!("set attitude {name}"));
+            self.rest_with_attitude_of(source);
         }
+        self.module.world().set_armed(true);
+        self.fly_leg(TAKE_OFF, routine.take_off);
         self.send_console_line("status");
         self.send_console_line(routine.start_command);
         for part in &routine.routine_parts {
@@ -182,6 +185,21 @@ impl<M: Module> Mission<'_, M> {
         self.await_solve_notice()?;
         transcript::parse_shown_calibration(&self.send_console_line("cal show"))
             .ok_or_else(|| Refusal::new("unreadable", "cal show could not be read"))
+    }
+
+    /// Rests from the power-on, which shows the offset of the module's own gyro, and sets the source. A boat in waves does not rest.
+    fn rest_with_attitude_of(&mut self, source: AttitudeSource) {
+        let can_rest = self.module.world().world_config().aircraft.kind != VehicleKind::Boat;
+        if can_rest {
+            self.module.world().hold_still();
+        }
+        self.advance_by(MAX_RESTART_S);
+        let (name, _) = AttitudeSource::NAMED_SOURCES[source as usize];
+        self.send_console_line(&format!("set attitude {name}"));
+        if can_rest {
+            self.advance_by(REST_S);
+            self.module.world().end_prescribed_motion();
+        }
     }
 
     /// Result of the solve. If the module does not solve automatically, the pilot requests it.

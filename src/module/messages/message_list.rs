@@ -374,6 +374,9 @@ impl RefusalCause {
                     SampleLoss::NoAttitude(_) => {
                         show(description, format_args!("send ATTITUDE ten times a second or more"))
                     }
+                    SampleLoss::InaccurateOwnAttitude(_) => {
+                        show(description, format_args!("rest for some seconds, then turn and tilt for longer"))
+                    }
                 }
             }
         }

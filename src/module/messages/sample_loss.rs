@@ -11,6 +11,8 @@ pub enum SampleLoss {
     ImpossibleAttitude,
     /// Percentage of readings without attitude.
     NoAttitude(u32),
+    /// Percentage of readings without an accurate attitude of the module's own sensors, and no other.
+    InaccurateOwnAttitude(u32),
 }
 
 impl fmt::Display for SampleLoss {
@@ -19,6 +21,9 @@ impl fmt::Display for SampleLoss {
             Self::Saturated(percent) => write!(f, "{percent} % of the readings were saturated"),
             Self::ImpossibleAttitude => f.write_str("the attitude reports had impossible values"),
             Self::NoAttitude(percent) => write!(f, "{percent} % of the readings had no attitude"),
+            Self::InaccurateOwnAttitude(percent) => {
+                write!(f, "for {percent} % of the readings the own attitude was not accurate")
+            }
         }
     }
 }

@@ -77,10 +77,14 @@ fn known_causes() -> Vec<ExpectedRefusal> {
         ),
         (MissingManoeuvre(Manoeuvre::YawTurn), &["missing: turn once round, level"]),
     ];
-    let losses: [(SampleLoss, &[&str]); 3] = [
+    let losses: [(SampleLoss, &[&str]); 4] = [
         (SampleLoss::Saturated(12), &["12 % of the readings were saturated; move the sensor away from magnets"]),
         (SampleLoss::ImpossibleAttitude, &["impossible values; check their unit: MAVLink's is radians"]),
         (SampleLoss::NoAttitude(83), &["83 % of the readings had no attitude; send ATTITUDE ten times a second"]),
+        (
+            SampleLoss::InaccurateOwnAttitude(90),
+            &["for 90 % of the readings the own attitude was not accurate; rest for"],
+        ),
     ];
     let inaccurate = Refusal::Rejected(NOT_ACCURATE).with_cause(Some(ONE_SIDE_ONLY));
     let problems = problems

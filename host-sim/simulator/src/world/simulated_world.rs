@@ -129,6 +129,19 @@ impl World {
         self.advanced_to_now().aircraft.set_prescribed_motion(prescribed_motion);
     }
 
+    /// Stands still at the present attitude and heading, until [`end_prescribed_motion`](Self::end_prescribed_motion).
+    pub fn hold_still(&self) {
+        let now = *self.advanced_to_now().aircraft.true_state();
+        // The heading not wrapped, so that it does not jump.
+        let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
+        self.set_prescribed_motion(PrescribedMotion {
+            roll_deg,
+            pitch_deg,
+            heading_deg,
+            ..PrescribedMotion::default()
+        });
+    }
+
     /// Ends a prescribed motion; the vehicle model continues at the present position.
     pub fn end_prescribed_motion(&self) {
         self.advanced_to_now().aircraft.end_prescribed_motion();

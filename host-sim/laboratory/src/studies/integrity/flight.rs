@@ -11,7 +11,6 @@ use simulator::nmea::{HeadingSentence, SentenceReader};
 use simulator::random::{RandomStream, StreamPurpose};
 use simulator::rig::Rig;
 use simulator::transcript;
-use simulator::world::aircraft::PrescribedMotion;
 use simulator::world::autopilot::Leg;
 use simulator::world::cable_far_end::FarEnd;
 use simulator::world::{TrueState, WorldConfig};
@@ -103,7 +102,7 @@ pub(super) fn fly_drawn_case(
     if world.attitude != AttitudeSource::Autopilot {
         let (attitude_name, _) = AttitudeSource::NAMED_SOURCES[world.attitude as usize];
         rig.send_console_line(&format!("set attitude {attitude_name}"));
-        hold_still(&rig);
+        rig.world.hold_still();
         rig.run_for_s(5.0);
         rig.world.end_prescribed_motion();
     }
@@ -264,7 +263,7 @@ fn fly_after_calibration(
     let RandomCase { ground_time_s, flight_after_calibration_s, first_legs, further_legs, .. } = *drawn_case;
     let mut random = RandomStream::new(seed, StreamPurpose::Legs);
     if ground_time_s > 0.0 {
-        hold_still(rig);
+        rig.world.hold_still();
     }
     let take_off_us = add_seconds_us(rig.now_us(), ground_time_s);
     let end_us = add_seconds_us(take_off_us, flight_after_calibration_s);
@@ -300,18 +299,6 @@ fn fly_after_calibration(
         }
     }
     notes
-}
-
-/// Keeps the last attitude and the unwrapped heading, to avoid jumps.
-fn hold_still(rig: &Rig) {
-    let now = rig.world.true_state(rig.now_us());
-    let [roll_deg, pitch_deg, heading_deg] = [now.roll_rad, now.pitch_rad, now.heading_rad].map(f64::to_degrees);
-    rig.world.set_prescribed_motion(PrescribedMotion {
-        roll_deg,
-        pitch_deg,
-        heading_deg,
-        ..PrescribedMotion::default()
-    });
 }
 
 fn evaluated_sentence(received: HeadingSentence, true_heading_deg: f64) -> EvaluatedSentence {
