@@ -21,7 +21,7 @@ fn topic_tables(log_name: &str) -> Vec<(String, String)> {
     vec![table("vehicle_attitude", attitude), table("vehicle_magnetometer", magnetometer)]
 }
 
-/// Tables of a phone that turns, twenty rows a second.
+/// Tables of a phone that turns about the vertical, twenty rows a second.
 fn sensor_tables() -> Vec<(String, String)> {
     let table = |name: &str, numbers: &dyn Fn(&FlightSample) -> [f64; 3]| {
         let rows = two_compass_recording(&[]).samples.into_iter().map(|sample| {
@@ -31,7 +31,7 @@ fn sensor_tables() -> Vec<(String, String)> {
         (format!("{name}.csv"), rows.fold("time,seconds_elapsed,z,y,x\n".to_owned(), |text, row| text + &row))
     };
     vec![
-        table("Gyroscope", &|_| [0.1, 0.2, -0.3]),
+        table("Gyroscope", &|_| [0.0, 0.0, -0.3]),
         table("Gravity", &|_| [0.0, 0.0, 9.8]),
         table("Magnetometer", &|sample| sample.field_ut[0]),
     ]
