@@ -88,8 +88,10 @@ fn horizontal_direction(vector: &Vector3<f32>) -> Vector3<f32> {
 /// Change of the gyro's offset between two rests, rad/s: 13 K (LSM6DSL's data sheet).
 const MAX_REST_OFFSET_CHANGE_RAD_S: f32 = 0.2 * DEG;
 
-/// Largest sigma of the tilt of a calibration's sample, rad.
-const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 1.5 * DEG;
+/// Largest sigma of the tilt of a sample, rad: after a rest, and before one. A start in motion leaves an error for long, movements after
+/// a rest for moments: with 1.5 deg after a rest, a seventh of the calibrations by hand had too few samples.
+const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 2.0 * DEG;
+const MAX_SAMPLE_TILT_SIGMA_BEFORE_REST_RAD: f32 = 1.5 * DEG;
 
 /// Largest sigma of a sample's tilt by the accelerometer's offset, rad: the first turns make the offset known, which tilts by 3 deg
 /// before. After a restart with an earlier estimate it is 0.81 deg.
@@ -345,13 +347,16 @@ impl AttitudeFilter {
     pub fn attitude(&self) -> Option<InertialAttitude> {
         let (_, rotation) = self.attitude?;
         let covariance = self.error_filter.tilt_covariance();
+        let has_rested = self.rest_offset_rad_s.is_some();
+        let max_tilt_sigma_rad =
+            if has_rested { MAX_SAMPLE_TILT_SIGMA_RAD } else { MAX_SAMPLE_TILT_SIGMA_BEFORE_REST_RAD };
         let offset_tilt_variance = self.error_filter.horizontal_offset_variance() / square(GRAVITY_M_S2);
         Some(InertialAttitude::new(
             &rotation,
             (self.rates_rad_s, self.measured_rates_rad_s),
             self.start_count,
             &covariance,
-            covariance.trace() <= square(MAX_SAMPLE_TILT_SIGMA_RAD)
+            covariance.trace() <= square(max_tilt_sigma_rad)
                 && offset_tilt_variance <= square(MAX_SAMPLE_OFFSET_SIGMA_RAD),
         ))
     }
