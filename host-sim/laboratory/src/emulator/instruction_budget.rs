@@ -38,7 +38,7 @@ impl InstructionBudget {
 const INSTRUCTION_LIMITS: [(&str, &str, u64); 14] = [
     ("heading", "field and attitude to corrected heading with sigma", 1_000),
     ("watch", "the monitor, an averaged sample: ten times a second, after its sentences", 43_000),
-    ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_900_000),
+    ("collect", "a further sample of a flight, compared with all retained ones, at the lowest priority", 1_920_000),
     ("inertial", "gyro and accelerometer to attitude, with a step of its Kalman filter: 208 times a second", 10_000),
     ("nmea", "the longest of the NMEA sentences, with its checksum", 1_200),
     ("mavlink", "a MAVLink 2 ATTITUDE frame, byte by byte", 3_000),
