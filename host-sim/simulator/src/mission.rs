@@ -160,9 +160,6 @@ const RUN_STEP_S: f64 = 0.5;
 /// Longest time from a restart to the first line on the console, seconds.
 const MAX_RESTART_S: f64 = 0.5;
 
-/// Rest at the start with the module's own attitude, seconds; the manual asks for two.
-const REST_S: f64 = 5.0;
-
 /// Timeout of the solve, seconds; solving, verifying and storing take about 1 s.
 const SOLVE_TIMEOUT_S: f64 = 10.0;
 
@@ -187,7 +184,7 @@ impl<M: Module> Mission<'_, M> {
             .ok_or_else(|| Refusal::new("unreadable", "cal show could not be read"))
     }
 
-    /// Rests from the power-on, which shows the offset of the module's own gyro, and sets the source. A boat in waves does not rest.
+    /// Sets the source, and rests from the power-on, as the module's own sensors need. A boat in waves does not rest.
     fn rest_with_attitude_of(&mut self, source: AttitudeSource) {
         let can_rest = self.module.world().world_config().aircraft.kind != VehicleKind::Boat;
         if can_rest {
@@ -197,8 +194,7 @@ impl<M: Module> Mission<'_, M> {
         let (name, _) = AttitudeSource::NAMED_SOURCES[source as usize];
         self.send_console_line(&format!("set attitude {name}"));
         if can_rest {
-            self.advance_by(REST_S);
-            self.module.world().end_prescribed_motion();
+            self.module.rest();
         }
     }
 

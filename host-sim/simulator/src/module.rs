@@ -14,6 +14,9 @@ pub enum ModuleRunEnd {
     Failed,
 }
 
+/// Duration of a rest, seconds.
+const REST_S: f64 = 5.0;
+
 /// Heading module in a vehicle.
 pub trait Module {
     /// The surrounding world.
@@ -40,6 +43,13 @@ pub trait Module {
     /// Advances simulation time by `seconds`.
     fn run_for_s(&mut self, seconds: f64) -> ModuleRunEnd {
         self.run_until(self.now_us() + (seconds * 1e6) as u64)
+    }
+
+    /// Stands still for some seconds, which shows the offset of the module's own gyro.
+    fn rest(&mut self) {
+        self.world().hold_still();
+        self.run_for_s(REST_S);
+        self.world().end_prescribed_motion();
     }
 
     /// Types a line on the console, waits for the answer and returns the printed text.

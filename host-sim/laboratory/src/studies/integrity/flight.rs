@@ -102,9 +102,7 @@ pub(super) fn fly_drawn_case(
     if world.attitude != AttitudeSource::Autopilot {
         let (attitude_name, _) = AttitudeSource::NAMED_SOURCES[world.attitude as usize];
         rig.send_console_line(&format!("set attitude {attitude_name}"));
-        rig.world.hold_still();
-        rig.run_for_s(5.0);
-        rig.world.end_prescribed_motion();
+        rig.rest();
     }
     select_heading(&mut rig, plan);
     rig.send_console_line(drawn_case.routine.start_command);
