@@ -4,6 +4,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::wire::dronecan::NodeId;
 use crate::wire::dronecan::outbound::BusCounts;
+use autoswing::attitude::AttitudeSource;
 use autoswing::frames::RollPitch;
 use autoswing::heading::{Heading, NoHeading};
 use autoswing::instrument::{InstallationChange, Instrument};
@@ -224,9 +225,14 @@ impl EventCounters {
     }
 }
 
-/// Main reason, between two snapshots, for readings that did not become samples; `None` if most readings became samples, or for few readings.
+/// Main reason, between two snapshots, for readings that did not become samples, with attitudes of this source; `None` if most readings
+/// became samples, or for few readings.
 #[must_use]
-pub const fn main_sample_loss(counts_before: &EventCounts, counts_after: &EventCounts) -> Option<SampleLoss> {
+pub const fn main_sample_loss(
+    counts_before: &EventCounts,
+    counts_after: &EventCounts,
+    attitude_source: AttitudeSource,
+) -> Option<SampleLoss> {
     const fn percent(part: u32, whole: u32) -> u32 {
         (part as u64 * 100 / whole as u64) as u32
     }
@@ -240,12 +246,16 @@ pub const fn main_sample_loss(counts_before: &EventCounts, counts_after: &EventC
     let unpaired = percent(counts_after.unpaired_readings.wrapping_sub(counts_before.unpaired_readings), readings);
     let accepted = counts_after.attitude_reports.wrapping_sub(counts_before.attitude_reports);
     let rejected = counts_after.attitude_frames_rejected.wrapping_sub(counts_before.attitude_frames_rejected);
+    let is_own = match attitude_source {
+        AttitudeSource::Autopilot => false,
+        AttitudeSource::Own => true,
+        AttitudeSource::Automatic => accepted == 0 && counts_after.inertial_readings != counts_before.inertial_readings,
+    };
     if saturated >= SATURATED_LIMIT_PERCENT {
         Some(SampleLoss::Saturated(saturated))
-    } else if rejected > accepted {
+    } else if rejected > accepted && !is_own {
         Some(SampleLoss::ImpossibleAttitude)
     } else if unpaired >= UNPAIRED_LIMIT_PERCENT {
-        let is_own = accepted == 0 && counts_after.inertial_readings != counts_before.inertial_readings;
         Some(if is_own { SampleLoss::InaccurateOwnAttitude(unpaired) } else { SampleLoss::NoAttitude(unpaired) })
     } else {
         None
@@ -289,19 +299,21 @@ mod tests {
             attitude_frames_rejected: 12,
             ..EventCounts::default()
         };
-        for (name, [readings, saturated, clipped, unpaired, reports, rejected, own], loss) in [
-            ("all became samples", [1000, 0, 0, 0, 600, 0, 0], None),
-            ("some of each", [1000, 40, 0, 450, 600, 600, 0], None),
-            ("saturated before others", [1000, 60, 0, 999, 0, 600, 0], Some(SampleLoss::Saturated(6))),
-            ("saturated or clipped", [1000, 30, 30, 0, 600, 0, 0], Some(SampleLoss::Saturated(6))),
-            ("degrees as radians", [1000, 0, 0, 999, 600, 601, 0], Some(SampleLoss::ImpossibleAttitude)),
-            ("no attitude", [1000, 0, 0, 550, 600, 0, 0], Some(SampleLoss::NoAttitude(55))),
-            ("autopilot and own", [1000, 0, 0, 550, 600, 0, 4000], Some(SampleLoss::NoAttitude(55))),
-            ("own attitude", [1000, 0, 0, 550, 0, 0, 4000], Some(SampleLoss::InaccurateOwnAttitude(55))),
-            ("no attitude at all", [1000, 0, 0, 1000, 0, 0, 0], Some(SampleLoss::NoAttitude(100))),
-            ("few readings", [90, 90, 0, 0, 0, 0, 0], None),
-            ("a second of readings", [120, 120, 0, 0, 0, 0, 0], Some(SampleLoss::Saturated(100))),
-            ("no readings", [0; 7], None),
+        use AttitudeSource::{Automatic, Autopilot, Own};
+        for (name, source, [readings, saturated, clipped, unpaired, reports, rejected, own], loss) in [
+            ("all became samples", Autopilot, [1000, 0, 0, 0, 600, 0, 0], None),
+            ("some of each", Autopilot, [1000, 40, 0, 450, 600, 600, 0], None),
+            ("saturated before others", Autopilot, [1000, 60, 0, 999, 0, 600, 0], Some(SampleLoss::Saturated(6))),
+            ("saturated or clipped", Own, [1000, 30, 30, 0, 600, 0, 0], Some(SampleLoss::Saturated(6))),
+            ("degrees as radians", Autopilot, [1000, 0, 0, 999, 600, 601, 0], Some(SampleLoss::ImpossibleAttitude)),
+            ("no attitude", Autopilot, [1000, 0, 0, 550, 600, 0, 4000], Some(SampleLoss::NoAttitude(55))),
+            ("autopilot and own", Automatic, [1000, 0, 0, 550, 600, 0, 4000], Some(SampleLoss::NoAttitude(55))),
+            ("own alone", Automatic, [1000, 0, 0, 550, 0, 0, 4000], Some(SampleLoss::InaccurateOwnAttitude(55))),
+            ("reports not in use", Own, [1000, 0, 0, 550, 600, 601, 4000], Some(SampleLoss::InaccurateOwnAttitude(55))),
+            ("no attitude at all", Automatic, [1000, 0, 0, 1000, 0, 0, 0], Some(SampleLoss::NoAttitude(100))),
+            ("few readings", Autopilot, [90, 90, 0, 0, 0, 0, 0], None),
+            ("a second of readings", Autopilot, [120, 120, 0, 0, 0, 0, 0], Some(SampleLoss::Saturated(100))),
+            ("no readings", Autopilot, [0; 7], None),
         ] {
             let after = EventCounts {
                 readings: before.readings.wrapping_add(readings),
@@ -313,7 +325,7 @@ mod tests {
                 inertial_readings: before.inertial_readings.wrapping_add(own),
                 ..before
             };
-            assert_eq!(main_sample_loss(&before, &after), loss, "{name}");
+            assert_eq!(main_sample_loss(&before, &after, source), loss, "{name}");
         }
     }
 }

@@ -129,6 +129,24 @@ fn the_own_attitude_is_sent_while_the_chip_answers() {
     assert!(status.contains("1 register upsets repaired"), "{status}");
 }
 
+/// Before its first movements the module does not know the offset of its accelerometer, and no sample is taken, although an autopilot
+/// sends its attitude.
+#[test]
+fn status_shows_that_the_own_attitude_is_not_accurate_yet() {
+    let mut rig = held_rig(AttitudeSource::Automatic);
+    rig.run_for_s(1.0);
+    for (source, is_lost) in [("own", true), ("autopilot", false)] {
+        rig.send_console_line(&format!("set attitude {source}"));
+        rig.send_console_line("cal abort");
+        rig.send_console_line("cal start turns");
+        rig.run_for_s(5.0);
+        let status = rig.send_console_line("status");
+        let cause = "lost readings: for 100 % of the readings the own attitude was not accurate; rest for some seconds";
+        assert_eq!(status.contains(cause), is_lost, "{source}: {status}");
+        assert_eq!(status.contains("lost readings"), is_lost, "{source}: {status}");
+    }
+}
+
 /// A board without the chip, as the DroneCAN board, refuses to use it, and keeps its autopilot.
 #[test]
 fn a_board_without_the_chip_refuses_its_attitude() {

@@ -104,7 +104,8 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             });
             effect = compass.process_event(Event::Saved(result));
         }
-        add_sample_loss(&mut effect, main_sample_loss(&counts_at_start, &links.event_counts()));
+        let attitude_source = compass.stored_settings().attitude_source;
+        add_sample_loss(&mut effect, main_sample_loss(&counts_at_start, &links.event_counts(), attitude_source));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
         // The state is published before the reply, so that the reader of the reply finds the state that it names.
         publish_state(links, compass, message);
@@ -125,11 +126,12 @@ const fn is_cal_start(event: Event) -> bool {
     matches!(event, Event::Command(Command::CalStart(_) | Command::CalStartNew(_), _))
 }
 
-/// Adds lost readings since the start of the collection to a refusal that they can have caused.
+/// Adds lost readings since the start of the collection to a report, and to a refusal that they can have caused.
 fn add_sample_loss(effect: &mut Effect, loss: Option<SampleLoss>) {
     match effect {
         Effect::Reply(Err(refusal)) => *refusal = refusal.clone().with_cause(loss),
         Effect::Reply(Ok(Reply::Report(report))) => {
+            report.sample_loss = loss;
             report.last_collection_outcome =
                 report.last_collection_outcome.take().map(|outcome| outcome.with_cause(loss));
         }

@@ -1,7 +1,7 @@
 //! Inputs and outputs of the state machine.
 
 use crate::compass::trial_solves::TrialResult;
-use crate::messages::{ExpectedAccuracy, Message, Refusal};
+use crate::messages::{ExpectedAccuracy, Message, Refusal, SampleLoss};
 use crate::replaced_numbers::ReplacedNumber;
 use crate::settings::{PORT_COUNT, ProtocolKind, SettingChange, Settings};
 use crate::store::{CalibrationRecord, StoreError};
@@ -190,6 +190,8 @@ pub struct StatusReport {
     pub can_undo: bool,
     /// Result of the last solve.
     pub last_collection_outcome: Option<Message>,
+    /// Why readings since the start of the collection did not become samples.
+    pub sample_loss: Option<SampleLoss>,
 }
 
 /// Stored calibration without coefficient covariance.

@@ -217,6 +217,7 @@ impl<'a> Compass<'a> {
             stored_calibration: self.stored_calibrations.current_calibration.as_ref().map(CalibrationSummary::from),
             can_undo: self.stored_calibrations.previous_calibration.is_some(),
             last_collection_outcome: self.last_collection_outcome.clone(),
+            sample_loss: None,
         }
     }
 }

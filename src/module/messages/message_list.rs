@@ -5,7 +5,6 @@
 
 use core::fmt::{self, Arguments, Display};
 
-use super::sample_loss::SampleLoss;
 use crate::messages::autopilot_report::{AutopilotReport, ParameterCounts, ParameterState};
 use crate::messages::message::Message;
 use crate::messages::refusal::{Refusal, RefusalCause};
@@ -362,23 +361,7 @@ impl RefusalCause {
                     CollectionProblem::MissingManoeuvre(_) => show(description, NO_ADVICE),
                 }
             }
-            Self::SampleLoss(loss) => {
-                let description = format_args!("{loss}");
-                match loss {
-                    SampleLoss::Saturated(_) => {
-                        show(description, format_args!("move the sensor away from magnets and wires"))
-                    }
-                    SampleLoss::ImpossibleAttitude => {
-                        show(description, format_args!("check their unit: MAVLink's is radians, not degrees"))
-                    }
-                    SampleLoss::NoAttitude(_) => {
-                        show(description, format_args!("send ATTITUDE ten times a second or more"))
-                    }
-                    SampleLoss::InaccurateOwnAttitude(_) => {
-                        show(description, format_args!("rest for some seconds, then turn and tilt for longer"))
-                    }
-                }
-            }
+            Self::SampleLoss(loss) => show(format_args!("{loss}"), format_args!("{}", loss.advice())),
         }
     }
 }

@@ -15,6 +15,19 @@ pub enum SampleLoss {
     InaccurateOwnAttitude(u32),
 }
 
+impl SampleLoss {
+    /// What to do.
+    #[must_use]
+    pub const fn advice(&self) -> &'static str {
+        match self {
+            Self::Saturated(_) => "move the sensor away from magnets and wires",
+            Self::ImpossibleAttitude => "check their unit: MAVLink's is radians, not degrees",
+            Self::NoAttitude(_) => "send ATTITUDE ten times a second or more",
+            Self::InaccurateOwnAttitude(_) => "rest for some seconds, then turn and tilt for longer",
+        }
+    }
+}
+
 impl fmt::Display for SampleLoss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -23,6 +23,7 @@ use autoswing_module::settings::{PortNumber, ProtocolKind};
 pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: &Diagnostics) -> fmt::Result {
     writeln!(out, "ok {}", report.module_state.state_name())?;
     write_instrument_state(out, health)?;
+    write_sample_loss(out, report)?;
     match (report.module_state, &report.last_collection_outcome) {
         (ModuleState::Collecting, _) if report.collection_progress.procedure == Procedure::Flight => {
             write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)
@@ -30,6 +31,16 @@ pub(super) fn write_status(out: &mut impl Write, report: &StatusReport, health: 
         (ModuleState::Collecting, _) => write_progress_summary(out, report),
         (_, None | Some(Message::Solved(Ok(_)))) => write_stored_calibration(out, report, health),
         _ => write_last_outcome(out, report),
+    }
+}
+
+/// Writes why readings of a collection do not become samples.
+fn write_sample_loss(out: &mut impl Write, report: &StatusReport) -> fmt::Result {
+    match report.sample_loss {
+        Some(loss) if report.module_state == ModuleState::Collecting => {
+            writeln!(out, "lost readings: {loss}; {}", loss.advice())
+        }
+        _ => Ok(()),
     }
 }
 
@@ -76,6 +87,7 @@ pub(super) fn write_full_status(out: &mut impl Write, report: &StatusReport, hea
     writeln!(out, "armed: {}", report.is_armed.map_or("not known", |armed| if armed { "yes" } else { "no" }))?;
     write_motor_current(out, health.current_a)?;
     write_progress_details(out, report)?;
+    write_sample_loss(out, report)?;
     if let (ModuleState::Collecting, Procedure::Flight) = (report.module_state, report.collection_progress.procedure) {
         write_expected_accuracy(out, report.last_trial.as_ref(), report.settings.accuracy_deg)?;
     }
