@@ -274,6 +274,7 @@ const UNPAIRED_LIMIT_PERCENT: u32 = 50;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use AttitudeSource::{Automatic, Autopilot, Own};
 
     /// A panic is early within 60 s of its start; a later one resets the count.
     #[test]
@@ -299,7 +300,6 @@ mod tests {
             attitude_frames_rejected: 12,
             ..EventCounts::default()
         };
-        use AttitudeSource::{Automatic, Autopilot, Own};
         for (name, source, [readings, saturated, clipped, unpaired, reports, rejected, own], loss) in [
             ("all became samples", Autopilot, [1000, 0, 0, 0, 600, 0, 0], None),
             ("some of each", Autopilot, [1000, 40, 0, 450, 600, 600, 0], None),
