@@ -10,6 +10,7 @@ use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
 use super::source::{AttitudeSource, HAS_OWN_ATTITUDE};
+use super::tilt_comparison::TiltComparison;
 use crate::frames::RollPitch;
 use crate::inertial::InertialAttitude;
 use crate::time::{Timestamp, WrappingMillis};
@@ -39,6 +40,7 @@ pub(super) struct InertialLine {
     gyro_frame: GyroFrame,
     carried_vertical: CarriedVertical,
     latency_estimator: LatencyEstimator,
+    tilt_comparison: TiltComparison,
 }
 
 impl InertialLine {
@@ -53,6 +55,7 @@ impl InertialLine {
             gyro_frame: GyroFrame::new(),
             carried_vertical: CarriedVertical::new(),
             latency_estimator: LatencyEstimator::new(),
+            tilt_comparison: TiltComparison::new(),
         }
     }
 
@@ -134,11 +137,26 @@ impl InertialLine {
         (improved, own_rates)
     }
 
-    /// Carries the vertical of an autopilot's report that is plausible, and describes this instant.
+    /// Carries the vertical of an autopilot's report that is plausible, and describes this instant, and compares it with the own one.
     pub fn carry_attitude(&mut self, at: Timestamp, attitude: RollPitch) {
-        if HAS_OWN_ATTITUDE {
-            self.carried_vertical.push_report(&self.gyro_frame, at, attitude);
+        if !HAS_OWN_ATTITUDE {
+            return;
         }
+        self.carried_vertical.push_report(&self.gyro_frame, at, attitude);
+        if let Some(newest) = self.estimates.newest()
+            && let Some(carried) = self.carried_vertical.attitude_at(&self.gyro_frame, newest.sent_at)
+        {
+            let [carried, own] =
+                [carried, newest.report.attitude].map(|attitude| attitude.tilt_rotation().down_in_body());
+            self.tilt_comparison.compare_verticals(newest.sent_at, carried, own, self.tilt_covariance.trace());
+        }
+    }
+
+    /// Variance of the tilt, rad^2, of an autopilot whose vertical contradicts the own one.
+    pub fn excess_tilt_variance(&self) -> Option<f32> {
+        let is_comparable =
+            HAS_OWN_ATTITUDE && self.estimates_in_use().is_none() && !self.rate_comparison.is_contradicted();
+        is_comparable.then(|| self.tilt_comparison.excess_variance()).filter(|variance| *variance > 0.0)
     }
 
     /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.

@@ -21,6 +21,7 @@ mod sender_clock;
 mod sender_selector;
 mod source;
 mod stale_attitude_detector;
+mod tilt_comparison;
 mod timed_report;
 mod vector_motion;
 
@@ -106,6 +107,12 @@ impl AttitudeTrack {
     #[must_use]
     pub fn own_tilt_covariance(&self) -> Option<Matrix2<f32>> {
         self.own.tilt_covariance_in_use()
+    }
+
+    /// Variance of the autopilot's tilt, rad^2, if it contradicts the own one.
+    #[must_use]
+    pub fn excess_tilt_variance(&self) -> Option<f32> {
+        self.own.excess_tilt_variance()
     }
 
     /// Latency of the autopilot's attitude that is corrected by own body rates, microseconds; 0 if it is short.

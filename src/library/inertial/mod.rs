@@ -47,10 +47,6 @@ const START_TILT_SIGMA_RAD: f32 = 0.3;
 /// Error of the velocity at the start, m/s: a hand's.
 const START_VELOCITY_SIGMA_M_S: f32 = 0.5;
 
-/// Deviation of the velocity by movements that is expected at a start in motion, m/s. With 0.5 m/s the acceleration of a VTOL of some
-/// seconds tilted the attitude by 15 deg, at a sigma of 1 deg; with 3 m/s a hand's heading is less accurate.
-const START_MOVEMENT_M_S: f32 = 1.5;
-
 /// Deviation of the velocity from its reference that only a wrong tilt explains, m/s: a fast aeroplane of 50 m/s that reverses its
 /// direction. With 40 m/s aeroplanes of 22 m/s started again in their turns, with a level attitude in the bank.
 const MAX_VELOCITY_DEVIATION_M_S: f32 = 100.0;
@@ -93,9 +89,9 @@ const MAX_REST_OFFSET_CHANGE_RAD_S: f32 = 0.2 * DEG;
 const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 2.0 * DEG;
 const MAX_SAMPLE_TILT_SIGMA_BEFORE_REST_RAD: f32 = 1.5 * DEG;
 
-/// Largest sigma of a sample's tilt by the accelerometer's offset, rad: the first turns make the offset known, which tilts by 3 deg
-/// before. After a restart with an earlier estimate it is 0.81 deg.
-const MAX_SAMPLE_OFFSET_SIGMA_RAD: f32 = 0.85 * DEG;
+/// Largest sigma of a sample's tilt by the accelerometer's offset, rad: turns make the offset known, which tilts by 3 deg before. After a
+/// restart with an earlier estimate it is 0.81 deg. With 1.1 deg 8 % of the aeroplanes had too few samples.
+const MAX_SAMPLE_OFFSET_SIGMA_RAD: f32 = 1.4 * DEG;
 
 /// Sums over the samples of a step of the error filter.
 #[derive(Clone, Debug)]
@@ -195,7 +191,7 @@ impl AttitudeFilter {
             gyro_scale: Vector3::zeros(),
             accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
             error_filter: new_error_filter(&sensor_errors, &offsets),
-            velocity_noise: VelocityNoise::new(square(START_MOVEMENT_M_S)),
+            velocity_noise: VelocityNoise::new(offsets.movement_m_s),
             rest_detector: RestDetector::INITIAL,
             step: StepSums::new(),
             due_measurement: None,
@@ -228,7 +224,7 @@ impl AttitudeFilter {
         self.is_speed_known = false;
         self.error_filter.reset_tilt(square(START_TILT_SIGMA_RAD));
         self.error_filter.reset_velocity(square(START_VELOCITY_SIGMA_M_S));
-        self.velocity_noise = VelocityNoise::new(square(START_MOVEMENT_M_S));
+        self.velocity_noise = VelocityNoise::new(self.velocity_noise.movement_m_s());
         self.rest_detector = RestDetector::INITIAL;
         self.step = StepSums::new();
         self.due_measurement = None;
@@ -318,6 +314,9 @@ impl AttitudeFilter {
         let explained_variance = self.error_filter.velocity_variance();
         let variance = self.velocity_noise.measurement_variance(&deviation_m_s, explained_variance, is_at_rest, step_s);
         self.error_filter.measure_velocity(&-deviation_m_s, variance);
+        if self.error_filter.tilt_covariance().trace() <= square(MAX_SAMPLE_TILT_SIGMA_RAD) {
+            self.velocity_noise.record_movement();
+        }
         self.apply_corrections();
     }
 
@@ -369,6 +368,7 @@ impl AttitudeFilter {
             gyro_sigma_rad_s: self.error_filter.gyro_offset_variance().map(|variance| sqrt(variance.max(0.0))).into(),
             accelerometer_m_s2: self.accelerometer_offset_m_s2.into(),
             temperature_c,
+            movement_m_s: self.velocity_noise.movement_m_s(),
         }
     }
 

@@ -32,7 +32,7 @@ const GYRO_OFFSET_PER_K: f32 = 0.015 * DEG;
 /// Error of an accelerometer's offset that was estimated earlier, m/s^2: 10 mg by soldering and age; 30 K change it by 3 mg.
 const KNOWN_ACCELEROMETER_OFFSET_M_S2: f32 = 0.01 * GRAVITY_M_S2;
 
-/// Estimated offsets of an inertial sensor, in its axes turned to the body's by its mounting.
+/// Estimated offsets of an inertial sensor, in its axes turned to the body's by its mounting, and how it is moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorOffsets {
     /// Offset of the gyro, rad/s.
@@ -43,18 +43,26 @@ pub struct SensorOffsets {
     pub accelerometer_m_s2: [f32; 3],
     /// Temperature of the estimate, degrees Celsius.
     pub temperature_c: f32,
+    /// Largest deviation of the velocity from its reference for seconds, m/s. An aeroplane that turns while the filter starts looks level;
+    /// the expected deviation makes the attitude as uncertain.
+    pub movement_m_s: f32,
 }
 
 impl SensorOffsets {
     /// No estimate.
-    pub const UNKNOWN: Self =
-        Self { gyro_rad_s: [0.0; 3], gyro_sigma_rad_s: [1.0; 3], accelerometer_m_s2: [0.0; 3], temperature_c: 0.0 };
+    pub const UNKNOWN: Self = Self {
+        gyro_rad_s: [0.0; 3],
+        gyro_sigma_rad_s: [1.0; 3],
+        accelerometer_m_s2: [0.0; 3],
+        temperature_c: 0.0,
+        movement_m_s: 0.0,
+    };
 
     /// Whether all numbers are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let vectors = [self.gyro_rad_s, self.gyro_sigma_rad_s, self.accelerometer_m_s2];
-        vectors.as_flattened().iter().chain([&self.temperature_c]).all(|number| number.is_finite())
+        vectors.as_flattened().iter().chain([&self.temperature_c, &self.movement_m_s]).all(|number| number.is_finite())
     }
 
     /// The offsets of an earlier estimate at this temperature.

@@ -132,6 +132,22 @@ fn hovering(t_s: f64) -> ([f64; 3], [f64; 3]) {
     ([sway, sway, 0.0], [5.0 * (0.5 * t_s).sin(), 0.0, 0.0])
 }
 
+/// An aeroplane that rests for 5 s, accelerates to 22 m/s, and then flies straight on for 20 s and turns by 92 deg within 10 s at a bank of
+/// 24 deg, again and again, with a sway, so that it is not at rest.
+fn turning(t_s: f64) -> ([f64; 3], [f64; 3]) {
+    let (legs_s, speed_m_s) = ((t_s - 10.0).max(0.0) / 30.0, (5.0 * (t_s - 5.0)).clamp(0.0, 22.0));
+    let in_turn_s = (30.0 * legs_s.fract() - 20.0).max(0.0);
+    let rolled = (in_turn_s / 2.0).min(1.0) * ((10.0 - in_turn_s) / 2.0).min(1.0);
+    // The integral of the bank, of which 2 s are the roll into the turn and out of it.
+    let turned_s = match in_turn_s {
+        ..2.0 => in_turn_s * in_turn_s / 4.0,
+        2.0..8.0 => in_turn_s - 1.0,
+        _ => 8.0 - (10.0 - in_turn_s).powi(2) / 4.0,
+    };
+    let (yaw, sway) = (0.2 * (turned_s + 8.0 * legs_s.floor()), 0.03 * (3.0 * (t_s - 5.0).max(0.0)).sin());
+    ([0.42 * rolled + sway, sway, yaw], [speed_m_s * yaw.cos(), speed_m_s * yaw.sin(), 0.0])
+}
+
 /// The attitude is known within 2 s at rest and within 10 s in motion, and its sigma shows how well: to a fifth of the waves and of a
 /// hand's accelerations. A hovering vehicle's accelerations last too long for that.
 #[test]
@@ -149,10 +165,12 @@ fn the_attitude_is_known_soon_after_the_start() {
     }
 }
 
-/// Later errors, RMS of 20 sensors for two minutes, and the shares within one and two sigmas.
+/// Later errors, RMS of 20 sensors for two minutes, and the shares within one and two sigmas. The deviations of an aeroplane's velocity
+/// keep their sign in a turn; with their noise on the short scale alone 76 % of the errors are within two
+/// sigmas.
 #[test]
 fn errors_are_small_and_their_sigmas_right() {
-    for (motion, limit_deg) in [(at_rest as Motion, 0.4), (seaway, 0.5), (tumbling, 0.4)] {
+    for (motion, limit_deg) in [(at_rest as Motion, 0.4), (seaway, 0.5), (tumbling, 0.4), (turning, 2.0)] {
         let (mut squares, mut normalised) = (0.0, Vec::new());
         for seed in 0..20 {
             let mut run = Run::new(motion, seed);
@@ -167,8 +185,8 @@ fn errors_are_small_and_their_sigmas_right() {
             }
         }
         let share = |sigmas: f64| normalised.iter().filter(|z| **z < sigmas).count() as f64 / normalised.len() as f64;
-        assert!(squares.sqrt() < limit_deg, "{}", squares.sqrt());
-        assert!(share(1.0) > 0.58 && share(2.0) > 0.9, "{} {}", share(1.0), share(2.0));
+        let (rms_deg, shares) = (squares.sqrt(), [1.0, 2.0].map(share));
+        assert!(rms_deg < limit_deg && shares[0] > 0.58 && shares[1] > 0.9, "{limit_deg}: {rms_deg} {shares:?}");
     }
 }
 
@@ -278,7 +296,35 @@ fn a_restart_uses_the_offsets_estimated_before() {
     assert_eq!(variances(-30.0), ([errors.gyro_offset_rad_s.powi(2); 3], 0.4_f32.powi(2)));
 }
 
-/// At rest the accelerometer's offset remains as uncertain as before: a calibration may use an attitude with 10 mg, not with 15 mg,
+/// The specific force of an aeroplane in a turn looks level. The attitude of one that starts there is up to 9 sigmas off within a minute,
+/// unless the filter knows how it has been moved before.
+#[test]
+fn a_start_in_a_turn_is_as_uncertain_as_earlier_turns_make_it() {
+    fn in_turn(t_s: f64) -> ([f64; 3], [f64; 3]) {
+        turning(t_s + 33.0)
+    }
+    let largest_sigmas = |knows_movement: bool| {
+        let mut largest = 0.0_f64;
+        for seed in 0..10 {
+            let mut flown = Run::new(turning, seed);
+            flown.run_for_s(120);
+            let offsets = flown.filter.sensor_offsets(20.0);
+            let movement_m_s = if knows_movement { offsets.movement_m_s } else { 0.0 };
+            let mut run = Run::new(in_turn, seed);
+            run.filter =
+                AttitudeFilter::new(InertialSensorErrors::CALIBRATED, SensorOffsets { movement_m_s, ..offsets });
+            for _ in 0..60 {
+                run.run_for_s(1);
+                largest = largest.max(run.tilt_error_deg() / run.tilt_sigma_deg());
+            }
+        }
+        largest
+    };
+    let [known, unknown] = [true, false].map(largest_sigmas);
+    assert!(known < 4.0 && unknown > 4.0, "{known} {unknown}");
+}
+
+/// At rest the accelerometer's offset remains as uncertain as before: a calibration may use an attitude with 10 mg, not with 20 mg,
 /// nor at the start.
 #[test]
 fn an_accurate_attitude_has_a_known_tilt_and_a_known_offset() {
@@ -291,7 +337,7 @@ fn an_accurate_attitude_has_a_known_tilt_and_a_known_offset() {
         run.run_for_s(duration_s);
         run.filter.attitude().unwrap().is_accurate
     };
-    assert_eq!([(0.098, 10), (0.15, 10), (0.03, 0)].map(|(m_s2, s)| is_accurate(m_s2, s)), [true, false, false]);
+    assert_eq!([(0.098, 10), (0.2, 10), (0.03, 0)].map(|(m_s2, s)| is_accurate(m_s2, s)), [true, false, false]);
 }
 
 /// A sample that is not finite changes nothing; a gap, and free fall at the start, leave no attitude.

@@ -455,13 +455,17 @@ impl Instrument {
             .map_or(deviation.is_finite(), |max_deviation| deviation <= max_deviation)
     }
 
-    /// Heading variance by errors of the own attitude, rad^2. A tilt about the field's horizontal direction turns the heading
+    /// Heading variance by errors of the own attitude, or of an autopilot's that contradicts it, rad^2. A tilt about the field's horizontal direction turns the heading
     /// by `tan(inclination)` times its size, the gyro's axes turned about the vertical by their angle.
-    fn own_attitude_heading_variance_rad2(&self, inclination_rad: f32) -> f32 {
-        self.attitude_track.own_tilt_covariance().map_or(0.0, |covariance| {
+    fn attitude_heading_variance_rad2(&self, inclination_rad: f32) -> f32 {
+        let by_tilt = |tilt_variance: f32| {
             let (sin, cos) = trig::sin_cos(inclination_rad);
-            square(sin / cos) * covariance.trace() / 2.0 + square(GYRO_CROSS_AXIS)
-        })
+            square(sin / cos) * tilt_variance / 2.0
+        };
+        match self.attitude_track.own_tilt_covariance() {
+            Some(covariance) => by_tilt(covariance.trace()) + square(GYRO_CROSS_AXIS),
+            None => self.attitude_track.excess_tilt_variance().map_or(0.0, by_tilt),
+        }
     }
 
     /// Heading of a reading without motor-current interference, and of its corrected field.
@@ -486,7 +490,7 @@ impl Instrument {
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
             .with_added_systematic_variance(
                 calibration.motor_current_heading_variance_rad2(current_a)
-                    + self.own_attitude_heading_variance_rad2(calibration.inclination_rad),
+                    + self.attitude_heading_variance_rad2(calibration.inclination_rad),
             );
         if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {
             Ok(heading.rotated_by_deg(base.align_deg))

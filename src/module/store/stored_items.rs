@@ -123,6 +123,7 @@ impl StoredFields for CalibrationRecord {
             visitor.visit_optional(27, &mut sensor_offsets.accelerometer_m_s2);
             visitor.visit_optional(28, &mut sensor_offsets.gyro_sigma_rad_s);
             visitor.visit_optional(29, &mut sensor_offsets.temperature_c);
+            visitor.visit_optional(30, &mut sensor_offsets.movement_m_s);
         }
     }
 

@@ -48,6 +48,7 @@ fn full_calibration_record() -> CalibrationRecord {
         gyro_sigma_rad_s: [0.5, 0.25, 2.0],
         accelerometer_m_s2: [4.0, 5.0, 6.0],
         temperature_c: 10.0,
+        movement_m_s: 8.0,
     };
     record
 }
@@ -76,7 +77,7 @@ const STATE: &str = "
     c8 1b00 000000 000000000000000000000000000000000000000000000000
     45736c0e ffff";
 const CALIBRATION_BEGIN: &str = "
-    01 ee01
+    01 f501
     01 2400 0000803f 00000000 00000000 00000000 0000803f 00000000 00000000 00000000 0000803f
     02 0c00 0000e040 00000040 00004040  03 0400 0000803f  04 0400 00004042  05 0400 0ad723bd
     06 0c00 0000003f 000080be 0000003e  07 0400 0ad7233c  08 0400 00004041  09 0400 00008040
@@ -86,8 +87,8 @@ const CALIBRATION_BEGIN: &str = "
 const CALIBRATION_END: &str = "
     13 0400 6f12033b  14 0400 00000000  15 0100 01  16 0100 1e  17 0100 00  18 0100 07
     19 0100 01  1a 0c00 0000803f 00000040 00004040  1b 0c00 00008040 0000a040 0000c040
-    1c 0c00 0000003f 0000803e 00000040  1d 0400 00002041
-    604cb6e7 ffffff";
+    1c 0c00 0000003f 0000803e 00000040  1d 0400 00002041  1e 0400 00000041
+    052b0fa8 ffffffff";
 
 /// Bytes of a calibration. The 240 bytes of the reduced covariance, between beginning and end, are zero.
 fn pinned_calibration_bytes() -> Vec<u8> {
