@@ -1,7 +1,6 @@
-//! Activities of the state machine: a collection, a solve, a save.
+//! Activities of the state machine: a collection, a solve with the save of its calibration.
 
-use crate::settings::Settings;
-use crate::store::{CalibrationRecord, StartupValues};
+use crate::store::CalibrationRecord;
 use autoswing::calibration::{Solution, Solver};
 use autoswing::reading::Identity;
 
@@ -65,33 +64,8 @@ impl Activity {
     }
 }
 
-/// Data of a save in progress, except that of a calibration.
-#[derive(Debug)]
-pub(super) enum PendingSave {
-    /// Swap of current and previous calibration.
-    Undo,
-    /// Removal of both calibrations.
-    Clear,
-    Settings(Settings),
-    /// Values for the next start.
-    StartupValues(StartupValues),
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct DetectedSensor {
     pub identity: Identity,
     pub readings_per_sample: u16,
-}
-
-/// Whether collections start automatically.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct AutomaticStart {
-    /// Whether a user has taken control, so that no collection starts automatically.
-    pub is_overridden: bool,
-    /// Number of samples since start-up, saturating at the timeout.
-    pub samples_since_startup: u8,
-}
-
-impl AutomaticStart {
-    pub const INITIAL: Self = Self { is_overridden: false, samples_since_startup: 0 };
 }

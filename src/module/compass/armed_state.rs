@@ -16,10 +16,15 @@ const MAX_GAP_MS: u32 = 1_000;
 /// Largest change of the field at rest, microtesla: six times the noise of a sample, or 1 deg of rotation.
 const MAX_FIELD_CHANGE_UT: f32 = 0.7;
 
+/// Number of samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.
+const REPORT_TIMEOUT_SAMPLES: u8 = 50;
+
 /// Reported armed state, and the evidence for rest.
 #[derive(Debug)]
 pub(super) struct ArmedState {
     reported_state: Option<bool>,
+    /// Number of samples since start-up, saturating at the timeout.
+    samples_since_startup: u8,
     /// Whether the vehicle moved while armed, and has not been at rest while disarmed since.
     has_flown_since_rest: bool,
     /// Field of the first sample at rest; times of the first and the last one.
@@ -27,7 +32,8 @@ pub(super) struct ArmedState {
 }
 
 impl ArmedState {
-    pub const UNKNOWN: Self = Self { reported_state: None, has_flown_since_rest: false, rest_evidence: None };
+    pub const UNKNOWN: Self =
+        Self { reported_state: None, samples_since_startup: 0, has_flown_since_rest: false, rest_evidence: None };
 
     /// Armed state by the autopilot's last report, if known.
     pub const fn reported_state(&self) -> Option<bool> {
@@ -39,8 +45,14 @@ impl ArmedState {
         self.reported_state = reported;
     }
 
-    /// Updates the evidence for rest.
+    /// Whether the vehicle is armed, or the armed state is unavailable.
+    pub fn is_assumed_armed(&self) -> bool {
+        self.reported_state.unwrap_or(self.samples_since_startup == REPORT_TIMEOUT_SAMPLES)
+    }
+
+    /// Updates the evidence for rest, and the count of samples.
     pub fn update_motion(&mut self, sample: &Sample) {
+        self.samples_since_startup = self.samples_since_startup.saturating_add(1).min(REPORT_TIMEOUT_SAMPLES);
         let is_steady = |(field, _, last): &(Field<Sensor>, WrappingMillis, WrappingMillis)| {
             (sample.field.ut - field.ut).vector_length() <= MAX_FIELD_CHANGE_UT
                 && sample.time.ms_since(*last) <= MAX_GAP_MS

@@ -27,7 +27,7 @@ impl Compass<'_> {
             _ => true,
         };
         // A save is always completed.
-        if self.is_saving() {
+        if self.pending_change().is_some() {
             return Err(Refusal::Busy);
         }
         match self.activity {

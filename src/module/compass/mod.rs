@@ -4,16 +4,24 @@
 //! [`Compass::process_event`] takes an [`Event`] and returns an [`Effect`], without blocking or hardware access. A solve is
 //! divided into [`Event::AdvanceSolve`] steps, so that its driver can do other work in between. A candidate calibration
 //! becomes active after passing [`acceptance`](autoswing::acceptance) and being completely saved.
+//!
+//! | room | content |
+//! |---|---|
+//! | `events`, `activity` | inputs and outputs; collection, solve or neither |
+//! | `storage` | settings, calibrations and values for the next start; the save in progress |
+//! | `armed_state`, `trial_solves/` | evidence for flight and rest; schedule and results of trial solves |
+//! | `state` | [`Compass`], composed of these, and values derived from more than one of them |
+//! | `command_admission`, `sample_collection`, `solving`, `reference_heading` | its changes by commands and samples |
 
 mod activity;
 mod armed_state;
 mod command_admission;
 mod events;
-mod persistence;
 mod reference_heading;
 mod sample_collection;
 mod solving;
 mod state;
+mod storage;
 mod trial_solves;
 
 pub use events::{
@@ -22,10 +30,10 @@ pub use events::{
 pub use state::Compass;
 pub use trial_solves::{TrialResult, TrialSchedule};
 
-use crate::messages::Refusal;
+use crate::messages::{ExpectedAccuracy, Message, Refusal};
 use crate::settings::{DependentState, Settings};
-use crate::store::StoredValues;
-use activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose};
+use crate::store::{StoreError, StoredValues};
+use activity::{Activity, CollectionStarter, DetectedSensor, Solve, SolvePurpose, SolveStage};
 use armed_state::ArmedState;
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::Sample;
@@ -34,7 +42,7 @@ use autoswing::collection::{CollectionState, Collector, RecentSamples, RetainedS
 use autoswing::earth::LocalField;
 use autoswing::inertial::SensorOffsets;
 use autoswing::time::WrappingMillis;
-use state::PersistentState;
+use storage::{PendingSave, Storage};
 use trial_solves::TrialSolves;
 
 impl<'a> Compass<'a> {
@@ -42,27 +50,22 @@ impl<'a> Compass<'a> {
     #[must_use]
     #[inline(never)]
     pub fn new(stored: &StoredValues, retained: &'a mut RetainedSamples) -> Self {
-        let StoredValues { settings, stored_calibrations, startup_values } = *stored;
+        let current = stored.stored_calibrations.current_calibration.as_ref();
         let mut compass = Self {
-            settings,
-            stored_calibrations,
+            storage: Storage::new(stored),
             sensor: None,
             has_inertial_sensor: false,
-            sensor_offsets: stored_calibrations
-                .current_calibration
-                .map_or(SensorOffsets::UNKNOWN, |record| record.sensor_offsets),
+            sensor_offsets: current.map_or(SensorOffsets::UNKNOWN, |record| record.sensor_offsets),
             armed_state: ArmedState::UNKNOWN,
             local_field: LocalField::UNKNOWN,
             collector: Collector::new(retained),
             recent_samples: RecentSamples::new(),
             activity: Activity::Idle,
             samples_during_solve: heapless::Vec::new(),
-            pending_save: None,
             last_collection_outcome: None,
             advice: None,
             trial_solves: TrialSolves::NO_TRIALS,
-            automatic_start: AutomaticStart::INITIAL,
-            persistent_state: PersistentState::new(startup_values),
+            is_automatic_start_overridden: false,
         };
         compass.restore_collection();
         compass
@@ -109,7 +112,10 @@ impl<'a> Compass<'a> {
             },
             Event::AdvanceSolve => self.advance_solve(),
             Event::Saved(result) => self.on_saved(result),
-            Event::ProtocolsDetected(detected, now) => self.save_startup_values(detected, now),
+            Event::ProtocolsDetected(detected, now) => {
+                let is_solving = matches!(self.activity, Activity::Solving(_));
+                self.storage.save_startup_values(&self.collector, is_solving, detected, now)
+            }
         }
     }
 
@@ -118,7 +124,10 @@ impl<'a> Compass<'a> {
         self.recent_samples.push_sample(sample);
         self.armed_state.update_motion(&sample);
         self.start_automatic_collection();
-        let Some(starter) = self.activity.starter().filter(|starter| !self.is_paused(*starter)) else {
+        // An automatic collection stores no samples while disarmed, and after a restart until the armed state is known.
+        let is_armed = self.armed_state.is_assumed_armed();
+        let Some(starter) = self.activity.starter().filter(|starter| is_armed || *starter == CollectionStarter::User)
+        else {
             return Effect::None;
         };
         if let Activity::Solving(Solve { purpose, .. }) = self.activity {
@@ -158,7 +167,7 @@ impl<'a> Compass<'a> {
                 let Activity::Collecting(_) = self.activity else { return Err(Refusal::NotCollecting) };
                 self.activity = Activity::Idle;
                 self.collector.set_state(CollectionState::Stopped);
-                self.automatic_start.is_overridden = true;
+                self.is_automatic_start_overridden = true;
             }
             Command::CalSolve(method) => {
                 self.start_solving(method, SolvePurpose::Calibration(self.activity.starter()))
@@ -169,34 +178,37 @@ impl<'a> Compass<'a> {
             }
             Command::CalAbort => {
                 self.discard_collection();
-                self.automatic_start.is_overridden = true;
+                self.is_automatic_start_overridden = true;
             }
-            Command::CalClear => return Ok(self.request_save(PendingSave::Clear)),
-            Command::CalUndo => return self.restore_previous_calibration(),
+            Command::CalClear => return Ok(self.storage.request_save(PendingSave::Clear)),
+            Command::CalUndo => return self.storage.request_undo(),
             Command::Status | Command::StatusAll | Command::CalShow => {
                 return Ok(Effect::Reply(Ok(Reply::Report(self.status_report()))));
             }
             Command::Set(setting) | Command::SetFromBus(setting) => {
-                let settings = self.settings.with_setting(setting).map_err(Refusal::OutOfRange)?;
+                let settings = self.stored_settings().with_setting(setting).map_err(Refusal::OutOfRange)?;
                 let source = settings.attitude_source;
-                let needs_sensor = source != self.settings.attitude_source && source != AttitudeSource::Autopilot;
+                let needs_sensor =
+                    source != self.stored_settings().attitude_source && source != AttitudeSource::Autopilot;
                 if needs_sensor && !self.has_inertial_sensor {
                     return Err(Refusal::NoInertialSensor);
                 }
                 if setting.affects(DependentState::AutomaticStart) && settings.auto_on {
                     self.enable_automatic_start(true);
                 }
-                return Ok(self.request_save(PendingSave::Settings(settings)));
+                return Ok(self.storage.request_save(PendingSave::Settings(settings)));
             }
             Command::ResetSettings => {
                 self.enable_automatic_start(Settings::DEFAULT.auto_on);
-                return Ok(self.request_save(PendingSave::Settings(self.settings.factory_reset())));
+                let settings = self.stored_settings().factory_reset();
+                return Ok(self.storage.request_save(PendingSave::Settings(settings)));
             }
             Command::Align(heading_deg) => return self.set_alignment(heading_deg, false, now),
             Command::AlignConfirmed(heading_deg) => return self.set_alignment(Some(heading_deg), true, now),
             Command::KeepReplacedNumber(replaced) => {
-                let replaced_numbers = self.settings.replaced_numbers.with_number(replaced);
-                return Ok(self.request_save(PendingSave::Settings(Settings { replaced_numbers, ..self.settings })));
+                let mut settings = *self.stored_settings();
+                settings.replaced_numbers = settings.replaced_numbers.with_number(replaced);
+                return Ok(self.storage.request_save(PendingSave::Settings(settings)));
             }
             Command::Autopilot(_) => {}
             Command::Restart => self.collector.reset_restart_count(),
@@ -204,18 +216,48 @@ impl<'a> Compass<'a> {
         Ok(Effect::Reply(Ok(Reply::Done(self.module_state()))))
     }
 
+    #[inline(never)]
+    fn on_saved(&mut self, result: Result<(), StoreError>) -> Effect {
+        if let Activity::Solving(Solve { stage: SolveStage::Saving(record), purpose, .. }) = &self.activity {
+            let purpose = *purpose;
+            let outcome = result.map_err(Refusal::Store).map(|()| {
+                self.storage.accept_calibration(record);
+                ExpectedAccuracy::new(record.quality, &record.calibration)
+            });
+            return self.end_solve(purpose, outcome);
+        }
+        let was_auto_on = self.stored_settings().auto_on;
+        match (self.storage.end_save(result.is_ok()), result) {
+            // A save without a command has no reply and no retry. Headings continue, so only this message shows the
+            // failure.
+            (Some(PendingSave::StartupValues), Err(error @ StoreError::Timeout)) => {
+                Effect::Notify(Message::StoreFailed(error))
+            }
+            (None | Some(PendingSave::StartupValues), _) => Effect::None,
+            (_, Err(error)) => Effect::Reply(Err(Refusal::Store(error))),
+            (Some(saved), Ok(())) => {
+                let auto_on = self.stored_settings().auto_on;
+                if matches!(saved, PendingSave::Clear) || (was_auto_on && !auto_on) {
+                    self.enable_automatic_start(auto_on);
+                }
+                Effect::Reply(Ok(Reply::Done(self.module_state())))
+            }
+        }
+    }
+
     fn status_report(&self) -> StatusReport {
+        let StoredValues { settings, stored_calibrations, .. } = self.storage.values();
         StatusReport {
             module_state: self.module_state(),
             is_armed: self.armed_state.reported_state(),
             is_automatic: self.activity.is_automatic(),
             awaits_arming: self.awaits_arming(),
             collection_progress: self.collector.collection_progress(),
-            last_trial: self.trial_solves.last_result.clone(),
-            settings: self.settings,
+            last_trial: self.trial_solves.last_result().cloned(),
+            settings: *settings,
             local_field: self.local_field,
-            stored_calibration: self.stored_calibrations.current_calibration.as_ref().map(CalibrationSummary::from),
-            can_undo: self.stored_calibrations.previous_calibration.is_some(),
+            stored_calibration: stored_calibrations.current_calibration.as_ref().map(CalibrationSummary::from),
+            can_undo: stored_calibrations.previous_calibration.is_some(),
             last_collection_outcome: self.last_collection_outcome.clone(),
             sample_loss: None,
         }

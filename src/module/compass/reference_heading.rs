@@ -1,6 +1,7 @@
 //! Reference headings from the user: marks of a compass swing, and the alignment.
 
-use super::activity::{Activity, PendingSave};
+use super::activity::Activity;
+use super::storage::PendingSave;
 use crate::compass::events::{Effect, Reply};
 use crate::compass::state::Compass;
 use crate::messages::Refusal;
@@ -51,7 +52,8 @@ impl Compass<'_> {
                 return Err(Refusal::LargeAlignment { heading_deg, align_deg });
             }
         }
-        Ok(self.request_save(PendingSave::Settings(Settings { align_deg, ..self.settings })))
+        let settings = Settings { align_deg, ..*self.stored_settings() };
+        Ok(self.storage.request_save(PendingSave::Settings(settings)))
     }
 }
 

@@ -1,18 +1,48 @@
-//! Start, end and continuation of a collection, by command or automatically: an uncalibrated module starts collecting in
-//! flight.
+//! Start, end and continuation of a collection, by command, automatically or after a restart: an uncalibrated module
+//! starts collecting in flight.
 
 use super::activity::{Activity, CollectionStarter};
 use super::trial_solves::TrialSolves;
 use crate::compass::state::Compass;
-use crate::compass::trial_solves::TrialResult;
-use crate::messages::Refusal;
+use crate::messages::{Message, Refusal};
 use autoswing::calibration::method_selection::Procedure;
-use autoswing::collection::{CollectionProblem, RecentSamples};
-
-/// Number of samples (5 s) after which no armed state is expected; autopilots send heartbeats at 1 Hz.
-const ARMED_STATE_TIMEOUT_SAMPLES: u8 = 50;
+use autoswing::collection::{CollectionContext, CollectionProblem, CollectionState, RecentSamples};
 
 impl Compass<'_> {
+    /// Resumes a collection that survived the restart, or detects that one was lost.
+    pub(super) fn restore_collection(&mut self) {
+        match self.collector.restored_context() {
+            // Only a collection saved under the present calibration continues. With another serial number, its solve
+            // has produced the present calibration.
+            Some(CollectionContext { is_automatic: was_automatic, calibration_serial: serial })
+                if serial == self.storage.calibration_serial() =>
+            {
+                match self.collector.collection_state() {
+                    CollectionState::Running => {
+                        let starter = if was_automatic { CollectionStarter::Module } else { CollectionStarter::User };
+                        self.activity = Activity::Collecting(starter);
+                        self.is_automatic_start_overridden = !was_automatic;
+                    }
+                    CollectionState::Stopped => self.is_automatic_start_overridden = true,
+                    CollectionState::Inactive => {}
+                }
+            }
+            Some(_) => self.collector.discard_collection(),
+            None if self.storage.values().startup_values.is_collecting => {
+                self.last_collection_outcome = Some(Message::CollectionLost);
+            }
+            None => {}
+        }
+    }
+
+    /// Updates the checksum of the retained collection.
+    pub(super) fn update_retained_checksum(&mut self) {
+        self.collector.update_header(CollectionContext {
+            is_automatic: self.activity.is_automatic(),
+            calibration_serial: self.storage.calibration_serial(),
+        });
+    }
+
     /// Starts a collection, or takes over an automatic one unless `discards_previous`.
     pub(super) fn start_by_command(&mut self, procedure: Procedure, discards_previous: bool) -> Result<(), Refusal> {
         self.sensor.ok_or(Refusal::NoSensor)?;
@@ -30,11 +60,11 @@ impl Compass<'_> {
             }
             _ => self.start_collection(procedure, CollectionStarter::User),
         }
-        self.automatic_start.is_overridden = true;
+        self.is_automatic_start_overridden = true;
         Ok(())
     }
 
-    pub(super) fn start_collection(&mut self, procedure: Procedure, starter: CollectionStarter) {
+    fn start_collection(&mut self, procedure: Procedure, starter: CollectionStarter) {
         self.collector.begin_procedure(procedure);
         self.recent_samples = RecentSamples::new();
         self.trial_solves = TrialSolves::NO_TRIALS;
@@ -60,27 +90,16 @@ impl Compass<'_> {
 
     /// Known reason for missing or insufficient samples.
     pub(super) fn sample_deficiency(&self) -> Option<CollectionProblem> {
-        self.collector
-            .collection_problem()
-            .or_else(|| self.trial_solves.last_result.as_ref().and_then(TrialResult::missing_manoeuvre_reason))
+        self.collector.collection_problem().or_else(|| self.trial_solves.missing_manoeuvre())
     }
 
     /// Starts a collection if enabled and the vehicle is armed, because before arming it may be carried or stand near
     /// iron.
     pub(super) fn start_automatic_collection(&mut self) {
-        self.automatic_start.samples_since_startup =
-            self.automatic_start.samples_since_startup.saturating_add(1).min(ARMED_STATE_TIMEOUT_SAMPLES);
-        let is_ready = self.pending_save.is_none() && self.sensor.is_some();
-        if self.is_assumed_armed() && is_ready && self.wants_automatic_collection() {
+        let is_ready = self.pending_change().is_none() && self.sensor.is_some();
+        if self.armed_state.is_assumed_armed() && is_ready && self.wants_automatic_collection() {
             self.start_collection(Procedure::Flight, CollectionStarter::Module);
         }
-    }
-
-    /// Whether the vehicle is armed, or the armed state is unavailable.
-    fn is_assumed_armed(&self) -> bool {
-        self.armed_state
-            .reported_state()
-            .unwrap_or(self.automatic_start.samples_since_startup == ARMED_STATE_TIMEOUT_SAMPLES)
     }
 
     /// Whether automatic collection waits for arming.
@@ -91,20 +110,14 @@ impl Compass<'_> {
 
     fn wants_automatic_collection(&self) -> bool {
         matches!(self.activity, Activity::Idle)
-            && self.settings.auto_on
-            && !self.automatic_start.is_overridden
+            && self.stored_settings().auto_on
+            && !self.is_automatic_start_overridden
             && self.active_record().is_none()
-    }
-
-    /// Whether a collection stores no samples: an automatic one while disarmed, and after a restart until the armed
-    /// state is known.
-    pub(super) fn is_paused(&self, starter: CollectionStarter) -> bool {
-        starter == CollectionStarter::Module && !self.is_assumed_armed()
     }
 
     /// Returns control to the module, for `set auto` and `cal clear`.
     pub(super) fn enable_automatic_start(&mut self, is_enabled: bool) {
-        self.automatic_start.is_overridden = false;
+        self.is_automatic_start_overridden = false;
         if !is_enabled && self.activity.is_automatic() {
             self.discard_collection();
         }

@@ -3,7 +3,6 @@
 use super::activity::{Activity, CollectionStarter, Solve, SolvePurpose, SolveStage};
 use crate::compass::events::Effect;
 use crate::compass::state::Compass;
-use crate::compass::trial_solves::TrialResult;
 use crate::messages::{Message, Refusal, SolveOutcome};
 use crate::store::CalibrationRecord;
 use autoswing::acceptance::{self, AcceptanceSamples, Incumbent};
@@ -23,13 +22,14 @@ impl Compass<'_> {
         }
         let supported = || method_selection::select_method(self.collector.fit_samples(), self.collector.procedure());
         let method = method.map_or_else(supported, Ok).map_err(Refusal::Solve)?;
+        let settings = self.stored_settings();
         let prior = Prior {
-            mount: self.settings.mount,
+            mount: settings.mount,
             inclination_rad: self.effective_settings().inclination_deg.map(f32::to_radians),
-            is_inclination_modelled: self.settings.inclination_deg.is_none(),
+            is_inclination_modelled: settings.inclination_deg.is_none(),
             readings_per_sample: sensor.readings_per_sample,
         };
-        let consider = self.settings.attitude_error_sigmas();
+        let consider = settings.attitude_error_sigmas();
         let solver = Solver::with_consider_sigmas(method, self.collector.selected_samples()[0], &prior, consider)
             .map_err(Refusal::Solve)?;
         self.activity = Activity::Solving(Solve { stage: SolveStage::Fitting(solver), purpose, sensor });
@@ -66,7 +66,7 @@ impl Compass<'_> {
         if let SolvePurpose::Trial(starter) = purpose {
             let refusal = accepted.as_ref().err().cloned();
             self.collector.use_trial_solution(candidate);
-            if !self.trial_solves.record_result(candidate, refusal, self.settings.accuracy_deg) {
+            if !self.trial_solves.record_result(candidate, refusal, self.storage.values().settings.accuracy_deg) {
                 self.resume_collection(starter);
                 return Effect::None;
             }
@@ -93,21 +93,20 @@ impl Compass<'_> {
             is_attitude_known: self.collector.procedure() != Procedure::Tumble,
         };
         acceptance::evaluate_candidate(candidate, grounds, &self.incumbent()).map_err(Refusal::Rejected)?;
-        let current = self.stored_calibrations.current_calibration.as_ref();
         Ok(CalibrationRecord {
             calibration: candidate.calibration,
             quality: candidate.quality,
             uncertainty: candidate.uncertainty,
             sensor,
-            mount: self.settings.mount,
-            serial_number: current.map_or(1, |current| current.serial_number.wrapping_add(1)),
+            mount: self.stored_settings().mount,
+            serial_number: self.storage.calibration_serial().wrapping_add(1),
             sensor_offsets: self.sensor_offsets,
         })
     }
 
     fn incumbent(&self) -> Incumbent {
         self.active_record().map_or_else(
-            || Incumbent::uncalibrated(self.settings.mount),
+            || Incumbent::uncalibrated(self.stored_settings().mount),
             |record| Incumbent { calibration: record.calibration, quality: Some(record.quality) },
         )
     }
@@ -117,7 +116,7 @@ impl Compass<'_> {
         let outcome = outcome.map_err(|refusal| refusal.with_cause(self.sample_deficiency()));
         match (purpose, &outcome) {
             (SolvePurpose::Trial(starter), Err(refusal)) => {
-                self.trial_solves.last_result = Some(TrialResult::from_failure(refusal.clone()));
+                self.trial_solves.record_failure(refusal.clone());
                 self.resume_collection(starter);
                 return Effect::None;
             }

@@ -1,12 +1,13 @@
 //! Data of the state machine, and values derived from them.
 
-use super::activity::{Activity, AutomaticStart, DetectedSensor, PendingSave, Solve, SolvePurpose, SolveStage};
+use super::activity::{Activity, DetectedSensor, Solve, SolvePurpose, SolveStage};
 use super::armed_state::ArmedState;
+use super::storage::Storage;
 use super::trial_solves::TrialSolves;
 use crate::compass::events::{IndicatorState, ModuleState};
 use crate::messages::Message;
-use crate::settings::{PORT_COUNT, ProtocolKind, Settings};
-use crate::store::{CalibrationRecord, StartupValues, StoredCalibrations};
+use crate::settings::Settings;
+use crate::store::{CalibrationRecord, StoreChange};
 use autoswing::calibration::method_selection::Procedure;
 use autoswing::calibration::{Advice, Sample};
 use autoswing::collection::{Collector, RecentSamples};
@@ -20,48 +21,10 @@ use autoswing::time::WrappingMillis;
 /// trial solve is ended, and ended each time: the collection would never finish.
 pub(super) const SAMPLES_DURING_SOLVE_CAPACITY: usize = 48;
 
-/// Duration after which a detected protocol is stored, milliseconds.
-const STABLE_DETECTION_MS: u32 = 5000;
-
-/// Values in flash for the next start: whether a collection was running, and the detected protocols.
-#[derive(Debug)]
-pub(super) struct PersistentState {
-    /// Values written last, successfully or not.
-    pub last_written_values: StartupValues,
-    /// Detected protocols, and since when.
-    detected_since: Option<([ProtocolKind; PORT_COUNT], WrappingMillis)>,
-}
-
-impl PersistentState {
-    pub const fn new(stored: StartupValues) -> Self {
-        Self { last_written_values: stored, detected_since: None }
-    }
-
-    /// Clears the collection flag, as every save of calibrations does in flash.
-    pub const fn clear_collection_flag(&mut self) {
-        self.last_written_values.is_collecting = false;
-    }
-
-    /// Detected protocols, once constant for long enough.
-    pub fn stable_protocols(
-        &mut self,
-        detected_protocols: [ProtocolKind; PORT_COUNT],
-        now: WrappingMillis,
-    ) -> Option<[ProtocolKind; PORT_COUNT]> {
-        let (candidate, since) = *self.detected_since.get_or_insert((detected_protocols, now));
-        if candidate != detected_protocols {
-            self.detected_since = Some((detected_protocols, now));
-            return None;
-        }
-        (now.ms_since(since) >= STABLE_DETECTION_MS).then_some(detected_protocols)
-    }
-}
-
 /// State machine. About 4 KB; samples are in borrowed memory.
 #[derive(Debug)]
 pub struct Compass<'a> {
-    pub(super) settings: Settings,
-    pub(super) stored_calibrations: StoredCalibrations,
+    pub(super) storage: Storage,
     pub(super) sensor: Option<DetectedSensor>,
     pub(super) has_inertial_sensor: bool,
     /// Latest estimate of the offsets of gyro and accelerometer.
@@ -73,12 +36,11 @@ pub struct Compass<'a> {
     pub(super) activity: Activity,
     /// Samples received during the solve, for a collection that continues; the samples of the solve do not change.
     pub(super) samples_during_solve: heapless::Vec<Sample, SAMPLES_DURING_SOLVE_CAPACITY>,
-    pub(super) pending_save: Option<PendingSave>,
     pub(super) last_collection_outcome: Option<Message>,
     pub(super) advice: Option<Advice>,
     pub(super) trial_solves: TrialSolves,
-    pub(super) automatic_start: AutomaticStart,
-    pub(super) persistent_state: PersistentState,
+    /// Whether a user has taken control, so that no collection starts automatically.
+    pub(super) is_automatic_start_overridden: bool,
 }
 
 impl Compass<'_> {
@@ -104,6 +66,16 @@ impl Compass<'_> {
         matches!(&self.activity, Activity::Solving(solve) if !matches!(solve.stage, SolveStage::Saving(_)))
     }
 
+    /// Data to write after [`Effect::Save`](super::Effect::Save).
+    #[must_use]
+    pub fn pending_change(&self) -> Option<StoreChange<'_>> {
+        let accepted = match &self.activity {
+            Activity::Solving(Solve { stage: SolveStage::Saving(record), .. }) => Some(record),
+            _ => None,
+        };
+        self.storage.pending_change(accepted)
+    }
+
     /// Offsets of gyro and accelerometer: those of the stored calibration, until they are updated.
     #[must_use]
     pub const fn sensor_offsets(&self) -> SensorOffsets {
@@ -119,44 +91,42 @@ impl Compass<'_> {
     /// Configuration of the instrument.
     #[must_use]
     pub fn instrument_correction(&self) -> Correction {
+        let settings = self.stored_settings();
         let tumbles =
             matches!(self.activity, Activity::Collecting(_)) && self.collector.procedure() == Procedure::Tumble;
         Correction {
             calibration: self.active_record().map(|record| (record.calibration, record.uncertainty)),
             has_valid_inclination: self.active_record().is_none_or(|record| record.quality.knows_inclination),
-            align_deg: self.settings.align_deg,
+            align_deg: settings.align_deg,
             sample_attitude: if tumbles { SampleAttitude::Unknown } else { SampleAttitude::Interpolated },
-            mount: self.sensor.map(|_| self.settings.mount),
+            mount: self.sensor.map(|_| settings.mount),
             total_ut: self.model_field_strength_ut(),
             is_armed: self.armed_state.reported_state(),
-            sensor_errors: self.settings.sensor_error_sigmas(),
-            attitude_source: self.settings.attitude_source,
+            sensor_errors: settings.sensor_error_sigmas(),
+            attitude_source: settings.attitude_source,
         }
     }
 
     /// Stored calibration, if valid for sensor and mounting.
-    #[must_use]
-    pub fn active_record(&self) -> Option<&CalibrationRecord> {
-        let record = self.stored_calibrations.current_calibration.as_ref()?;
-        let is_valid = Some(record.sensor) == self.sensor.map(|sensor| sensor.identity);
-        (is_valid && record.mount == self.settings.mount).then_some(record)
+    pub(super) fn active_record(&self) -> Option<&CalibrationRecord> {
+        self.storage.active_record(self.sensor.map(|sensor| sensor.identity))
     }
 
     /// Settings as stored.
     #[must_use]
     pub fn stored_settings(&self) -> &Settings {
-        &self.settings
+        &self.storage.values().settings
     }
 
     /// Effective settings: declination and inclination default to the field model's.
     #[must_use]
     pub fn effective_settings(&self) -> Settings {
-        let Settings { declination_deg, inclination_deg, .. } = self.settings;
+        let settings = self.stored_settings();
         let field = self.local_field.model_field();
         Settings {
-            declination_deg: declination_deg.or_else(|| field?.declination_deg),
-            inclination_deg: inclination_deg.or_else(|| Some(field?.inclination_deg)),
-            ..self.settings
+            declination_deg: settings.declination_deg.or_else(|| field?.declination_deg),
+            inclination_deg: settings.inclination_deg.or_else(|| Some(field?.inclination_deg)),
+            ..*settings
         }
     }
 
@@ -174,14 +144,12 @@ impl Compass<'_> {
     }
 
     /// Field strength of the field model, microtesla.
-    #[must_use]
-    pub fn model_field_strength_ut(&self) -> Option<f32> {
+    pub(super) fn model_field_strength_ut(&self) -> Option<f32> {
         self.local_field.model_field().map(|field| field.total_ut)
     }
 
     /// State of the module, as shown to users.
-    #[must_use]
-    pub fn module_state(&self) -> ModuleState {
+    pub(super) fn module_state(&self) -> ModuleState {
         match &self.activity {
             Activity::Collecting(_) | Activity::Solving(Solve { purpose: SolvePurpose::Trial(_), .. }) => {
                 ModuleState::Collecting
@@ -212,9 +180,7 @@ impl Compass<'_> {
     /// Progress, percent: in a flight, wanted over expected heading error; 0 for procedures that the user ends.
     fn progress_percent(&self) -> u8 {
         let progress = self.collector.collection_progress();
-        let expected_error_deg = self.trial_solves.last_result.as_ref().and_then(|result| result.expected_error_deg);
-        // The cast saturates and maps NaN to 0.
-        let trial_percent = || Some((100.0 * self.settings.accuracy_deg / expected_error_deg?).min(100.0) as u8);
+        let trial_percent = || self.trial_solves.progress_percent(self.stored_settings().accuracy_deg);
         progress.percent().or_else(trial_percent).unwrap_or(0)
     }
 }

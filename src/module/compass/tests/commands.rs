@@ -65,7 +65,7 @@ fn ground_commands_are_refused_while_armed() {
         assert_eq!(bed.expect_refusal(command), Refusal::Armed, "{command:?}");
     }
     assert_eq!(bed.status_report().is_armed, Some(true));
-    assert_eq!(bed.compass.stored_calibrations, bed.flash.stored_calibrations);
+    assert_eq!(bed.compass.storage.values().stored_calibrations, bed.flash.stored_calibrations);
     bed.report_armed(Some(false));
     assert_eq!(bed.expect_done(Command::Restart), ModuleState::Calibrated);
     bed.start(Procedure::Swing);

@@ -48,20 +48,6 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
-    pub(super) fn from_failure(refusal: Refusal) -> Self {
-        Self {
-            expected_error_deg: None,
-            missing_manoeuvre: None,
-            is_limited_by_attitude: false,
-            is_stalled: false,
-            refusal: Some(refusal),
-        }
-    }
-
-    pub(super) fn missing_manoeuvre_reason(&self) -> Option<CollectionProblem> {
-        self.missing_manoeuvre.map(CollectionProblem::MissingManoeuvre)
-    }
-
     fn reaches_accuracy(&self, wanted_deg: f32) -> bool {
         self.expected_error_deg.is_some_and(|expected_error_deg| expected_error_deg <= wanted_deg)
     }
@@ -127,6 +113,7 @@ impl TrialSchedule {
     }
 }
 
+/// Schedule and results of the trial solves of a collection.
 #[derive(Debug)]
 pub(super) struct TrialSolves {
     schedule: TrialSchedule,
@@ -134,7 +121,7 @@ pub(super) struct TrialSolves {
     best_expected_error_deg: Option<f32>,
     trials_since_improvement: u8,
     settled_trials: u8,
-    pub last_result: Option<TrialResult>,
+    last_result: Option<TrialResult>,
 }
 
 impl TrialSolves {
@@ -146,8 +133,35 @@ impl TrialSolves {
         last_result: None,
     };
 
+    pub const fn last_result(&self) -> Option<&TrialResult> {
+        self.last_result.as_ref()
+    }
+
+    /// Manoeuvre that would noticeably reduce the expected error of the last trial.
+    pub fn missing_manoeuvre(&self) -> Option<CollectionProblem> {
+        self.last_result.as_ref()?.missing_manoeuvre.map(CollectionProblem::MissingManoeuvre)
+    }
+
+    /// Progress, percent: wanted over expected heading error.
+    pub fn progress_percent(&self, wanted_deg: f32) -> Option<u8> {
+        let expected_error_deg = self.last_result.as_ref()?.expected_error_deg?;
+        // The cast saturates and maps NaN to 0.
+        Some((100.0 * wanted_deg / expected_error_deg).min(100.0) as u8)
+    }
+
     pub fn start_trial_if_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
         self.schedule.start_trial_if_due(collector, now)
+    }
+
+    /// Stores the failure of a trial.
+    pub fn record_failure(&mut self, refusal: Refusal) {
+        self.last_result = Some(TrialResult {
+            expected_error_deg: None,
+            missing_manoeuvre: None,
+            is_limited_by_attitude: false,
+            is_stalled: false,
+            refusal: Some(refusal),
+        });
     }
 
     /// Stores the result of a trial; returns whether the collection ends.
