@@ -84,16 +84,6 @@ fn standing_replaces_no_sample_of_the_circles() {
 }
 
 #[test]
-fn held_back_samples_cover_every_sector() {
-    let collector = collected(Procedure::Turns, turn_samples(25.0, 0, 122, 13.0));
-    let held_back = collector.held_back_samples().samples_of_part(CollectionPart::RIGHT);
-    let circle = TurnCircle::fit_circle(held_back).unwrap();
-    for sector in 0..SECTOR_COUNT {
-        assert!(held_back.iter().filter(|s| circle.sector_of(s) == sector).count() >= 2, "sector {sector}");
-    }
-}
-
-#[test]
 fn a_complete_part_has_enough_held_back_samples_for_verification() {
     let mut collector = collected(Procedure::Level, []);
     for sample in turn_samples(0.0, 0, 84, 13.0) {

@@ -38,18 +38,25 @@ fn is_near(output: Option<Field<Body>>, expected: Field<Body>) -> bool {
     output.is_some_and(|output| (output.ut - expected.ut).norm() < 2e-5)
 }
 
+/// The alignment is in both of them, and not in the field in body axes.
 #[test]
 fn headings_from_the_compass_field_match_ours_in_level_flight() {
     for align_deg in [0.0, 5.0, -30.0, 179.0] {
         for heading in (0_u16..360).step_by(15) {
             let mut instrument = instrument_with(Correction { align_deg, ..correction_with(other_calibration()) });
             report_attitude(&mut instrument, 0, RollPitch::default());
-            let estimate = process_reading(&mut instrument, 0, field_before_calibration(&other_calibration(), heading));
+            let field = field_before_calibration(&other_calibration(), heading);
+            let estimate = process_reading(&mut instrument, 0, field);
             let (ours_deg, output) = (estimate.heading.unwrap().magnetic_deg(), estimate.compass_field.unwrap());
-            let difference_deg = wrap_pi((heading_deg(output) - ours_deg).to_radians()).to_degrees();
-            assert!(difference_deg.abs() < 1e-3, "align {align_deg} heading {heading}: {difference_deg}");
+            for (found_deg, expected_deg) in
+                [(heading_deg(output), ours_deg), (ours_deg, f32::from(heading) + align_deg)]
+            {
+                let difference_deg = wrap_pi((found_deg - expected_deg).to_radians()).to_degrees();
+                assert!(difference_deg.abs() < 1e-3, "align {align_deg} heading {heading}: {difference_deg}");
+            }
             assert!((output.total_ut() - 50.0).abs() < 1e-3);
             assert!((output.ut.z - estimate.body_field.unwrap().ut.z).abs() < 1e-4);
+            assert_eq!(estimate.body_field, Some(other_calibration().calibrated_field(field)));
         }
     }
 }

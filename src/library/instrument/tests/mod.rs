@@ -34,11 +34,6 @@ fn calibrated_instrument() -> Instrument {
     instrument_with(correction_with(test_calibration()))
 }
 
-/// Instrument whose samples contain the field alone.
-fn field_only_instrument() -> Instrument {
-    instrument_with(Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED })
-}
-
 pub(super) fn test_calibration() -> Calibration {
     Calibration { inclination_rad: 1.0, total_ut: 50.0, ..Calibration::uncalibrated(Orientation::IDENTITY_ROTATION) }
 }
@@ -158,16 +153,6 @@ fn latency_is_applied_to_headings_and_not_to_samples() {
 }
 
 #[test]
-fn alignment_is_added_to_the_heading_alone() {
-    let mut instrument = instrument_with(Correction { align_deg: -30.0, ..correction_with(test_calibration()) });
-    report_attitude(&mut instrument, 0, RollPitch::default());
-    let estimate = process_reading(&mut instrument, 0, sensor_field(0.3, RollPitch::default()));
-    let expected_deg = 0.3_f32.to_degrees() - 30.0 + 360.0;
-    assert!((estimate.heading.unwrap().magnetic_deg() - expected_deg).abs() < 1e-2, "{estimate:?}");
-    assert_eq!(estimate.body_field, Some(test_calibration().calibrated_field(sensor_field(0.3, RollPitch::default()))));
-}
-
-#[test]
 fn the_heading_ends_200_ms_after_the_last_attitude() {
     let mut instrument = calibrated_instrument();
     report_attitude(&mut instrument, 0, RollPitch::default());
@@ -247,7 +232,8 @@ fn readings_dropped_from_a_full_queue_are_counted() {
 
 #[test]
 fn a_sample_mixes_no_readings_with_and_without_attitude() {
-    let mut instrument = field_only_instrument();
+    let field_alone = Correction { sample_attitude: SampleAttitude::Unknown, ..Correction::UNCALIBRATED };
+    let mut instrument = instrument_with(field_alone);
     assert_eq!(read_samples(&mut instrument, 0..4), []);
     instrument.set_correction(Correction::UNCALIBRATED);
     assert_eq!(read_samples_with_attitude(&mut instrument, 4..8), []);
