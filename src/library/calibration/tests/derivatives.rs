@@ -142,7 +142,8 @@ fn inclination_derivatives_by_attitude_equal_numerical_ones() {
         assert_derivative(pitch_bias, pitched, "inclination by pitch bias");
         assert_derivative(bank_scale, scaled, "inclination by bank scale");
         let later = |step: f32| {
-            let sample = Sample { rates: test_rates(), ..sample_at(case.attitude) };
+            let sample = Sample::new(Field::from_ut(0.0, 0.0, 0.0), case.attitude);
+            let sample = Sample { rates: test_rates(), ..sample };
             predicted_inclination_rad(sample.latency_compensated_attitude(step))
         };
         assert_derivative(latency, later, "inclination by latency");
@@ -151,10 +152,6 @@ fn inclination_derivatives_by_attitude_equal_numerical_ones() {
 
 fn test_rates() -> AngleRates {
     AngleRates::from_rad_s([0.8, -0.6, 0.0])
-}
-
-fn sample_at(attitude: RollPitch) -> Sample {
-    Sample::new(Field::from_ut(0.0, 0.0, 0.0), attitude)
 }
 
 fn equations(case: &Case, unknowns: &Vector13, heading_rad: Option<f32>, refined: bool) -> SampleEquations {

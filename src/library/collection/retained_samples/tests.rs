@@ -3,8 +3,8 @@ use testkit::random::Random;
 use super::super::test_samples::{banked_sample, circle_sample, collected, test_sample, turn_samples};
 use super::super::{CollectionContext, CollectionProblem, CollectionProgress, CollectionState, Collector};
 use super::*;
+use crate::calibration::Sample;
 use crate::calibration::method_selection::Procedure;
-use crate::calibration::{Sample, Samples};
 use crate::time::WrappingMillis;
 
 const MANUAL_CONTEXT: CollectionContext = CollectionContext { is_automatic: false, calibration_serial: 7 };
@@ -36,13 +36,9 @@ fn memory_after_flight(procedure: Procedure) -> RetainedSamples {
     retained
 }
 
-fn copy_all(samples: Samples<'_>) -> Vec<Sample> {
-    samples.all_samples().copied().collect()
-}
-
 /// Fit and held-back samples.
 fn stored_samples(collector: &Collector<'_>) -> [Vec<Sample>; 2] {
-    [collector.fit_samples(), collector.held_back_samples()].map(copy_all)
+    [collector.fit_samples(), collector.held_back_samples()].map(|samples| samples.all_samples().copied().collect())
 }
 
 /// Progress without the turn in progress, which is detected only after two seconds.

@@ -5,18 +5,6 @@ use testkit::random::Random;
 use super::*;
 
 const PERIOD_US: u64 = 12_500;
-const EQUAL_READINGS_UNTIL_STUCK: u16 = 16;
-
-fn new_check() -> SensorCheck {
-    SensorCheck::new(&InstrumentConfig {
-        equal_readings_until_stuck: Some(EQUAL_READINGS_UNTIL_STUCK),
-        ..InstrumentConfig::new(PERIOD_US as u32)
-    })
-}
-
-fn reading([x, y, z]: [f32; 3]) -> Reading {
-    Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false }
-}
 
 struct SimulatedReadings {
     sensor_check: SensorCheck,
@@ -25,25 +13,20 @@ struct SimulatedReadings {
 }
 
 impl SimulatedReadings {
-    fn new() -> Self {
-        Self { sensor_check: new_check(), reading_number: 0, random: Random(1) }
-    }
-
     /// After some seconds at rest.
     fn settled() -> Self {
-        let mut readings = Self::new();
+        let config =
+            InstrumentConfig { equal_readings_until_stuck: Some(16), ..InstrumentConfig::new(PERIOD_US as u32) };
+        let mut readings = Self { sensor_check: SensorCheck::new(&config), reading_number: 0, random: Random(1) };
         assert_eq!(readings.faults_at_rest(PARKED_FIELD_UT, 500), []);
         readings
     }
 
-    fn check_with_slow_turn(&mut self, field_ut: [f32; 3]) -> Option<ReadingFault> {
-        self.check_with_turn_rate(field_ut, Some(0.2))
-    }
-
-    fn check_with_turn_rate(&mut self, field_ut: [f32; 3], turning_rad_s: Option<f32>) -> Option<ReadingFault> {
+    fn check_with_slow_turn(&mut self, [x, y, z]: [f32; 3]) -> Option<ReadingFault> {
         self.reading_number += 1;
         let at = Timestamp::from_us(self.reading_number * PERIOD_US);
-        self.sensor_check.check_reading(at, &reading(field_ut), turning_rad_s)
+        let reading = Reading { field: Field::from_ut(x, y, z), is_saturated: false, was_overwritten: false };
+        self.sensor_check.check_reading(at, &reading, Some(0.2))
     }
 
     /// Adds LIS3MDL noise, quantised to its counts.

@@ -9,12 +9,7 @@ use crate::calibration::model::unknowns::Vector13;
 use crate::calibration::tests::{ZERO_ROW, is_close};
 use crate::frames::RollPitch;
 
-/// Equation with a sigma of 0.1.
-fn equation_with_residual(sigmas: f32) -> ResidualEquation {
-    ResidualEquation::new(ZERO_ROW, sigmas * 0.1, 0.01, 2.0)
-}
-
-/// Huber's loss: linear beyond two sigmas.
+/// Huber's loss: linear beyond two sigmas of 0.1.
 #[test]
 fn an_outlier_counts_linearly_and_is_clipped() {
     for (sigmas, weight, loss, clipped) in [
@@ -23,7 +18,7 @@ fn an_outlier_counts_linearly_and_is_clipped() {
         (8.0, 25.0, 2.0 + 2.0 * 6.0, 2.0),
         (-8.0, 25.0, 2.0 + 2.0 * 6.0, -2.0),
     ] {
-        let equation = equation_with_residual(sigmas);
+        let equation = ResidualEquation::new(ZERO_ROW, sigmas * 0.1, 0.01, 2.0);
         assert!(is_close(equation.weight, weight) && is_close(equation.loss, loss), "{sigmas}: {equation:?}");
         assert!(is_close(equation.clipped_residual(), clipped), "{sigmas}: {equation:?}");
         assert!(is_close(equation.clipped_square, clipped * clipped), "{sigmas}: {equation:?}");
