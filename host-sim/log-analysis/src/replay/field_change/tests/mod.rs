@@ -225,28 +225,26 @@ fn small_and_infinite_gains_are_no_changes() {
     }
 }
 
-/// Evaluation of the flown turns with the readings of a time on multiplied by a factor.
-fn evaluate_with_gain(at_s: f64, factor: f64) -> CompassEvaluation {
-    let mut recording = record_turns(0.0).with_parameters(&[("COMPASS_OFS_X", 0.0)]);
-    for sample in recording.samples.iter_mut().filter(|sample| sample.time_us as f64 * 1e-6 >= at_s) {
-        sample.field_ut[0] = sample.field_ut[0].map(|axis| axis * factor);
+/// An evaluation names a change of gain instead of hard iron, and fits the flight after it. The last ten seconds are
+/// straight: iron along the field explains them as well.
+#[test]
+fn an_evaluation_names_a_change_of_gain_unless_it_is_on_few_headings() {
+    for (at_s, is_named) in [(120.0, true), (224.0, false)] {
+        let mut recording = record_turns(0.0).with_parameters(&[("COMPASS_OFS_X", 0.0)]);
+        for sample in recording.samples.iter_mut().filter(|sample| sample.time_us as f64 * 1e-6 >= at_s) {
+            sample.field_ut[0] = sample.field_ut[0].map(|axis| axis * 1.19);
+        }
+        let CompassEvaluation { causes, parameter_fit, .. } = evaluate_compass(&recording);
+        assert_eq!(
+            causes.sensor_change.map(|change| change.hypothesis),
+            is_named.then_some(Hypothesis::Gain),
+            "{at_s}"
+        );
+        if let Some(change) = causes.sensor_change {
+            assert!((change.factors.x - 1.19).abs() < 0.01 && causes.hard_iron_changes.is_empty(), "{change:?}");
+            assert_eq!(parameter_fit.last_change_s, Some(change.time_s));
+        }
     }
-    evaluate_compass(&recording)
-}
-
-#[test]
-fn an_evaluation_reports_a_change_of_gain_instead_of_hard_iron() {
-    let compass = evaluate_with_gain(120.0, 1.19);
-    let change = compass.causes.sensor_change.unwrap();
-    assert!(change.hypothesis == Hypothesis::Gain && (change.factors.x - 1.19).abs() < 0.01, "{change:?}");
-    assert!(compass.causes.hard_iron_changes.is_empty(), "{:?}", compass.causes.hard_iron_changes);
-    assert_eq!(compass.parameter_fit.last_change_s, Some(change.time_s));
-}
-
-/// The last ten seconds are straight: iron along the field explains them as well.
-#[test]
-fn a_change_of_gain_on_few_headings_is_not_named() {
-    assert_eq!(evaluate_with_gain(224.0, 1.19).causes.sensor_change, None);
 }
 
 #[test]
