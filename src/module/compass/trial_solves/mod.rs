@@ -146,7 +146,7 @@ impl TrialSolves {
     pub fn progress_percent(&self, wanted_deg: f32) -> Option<u8> {
         let expected_error_deg = self.last_result.as_ref()?.expected_error_deg?;
         // The cast saturates and maps NaN to 0.
-        Some((100.0 * wanted_deg / expected_error_deg).min(100.0) as u8)
+        Some((100.0 * wanted_deg / expected_error_deg).clamp(0.0, 100.0) as u8)
     }
 
     pub fn start_trial_if_due(&mut self, collector: &Collector, now: WrappingMillis) -> bool {
