@@ -42,7 +42,7 @@ fn fly_missions(vehicle_kind: VehicleKind) -> (f64, f64) {
     ((squares / count).sqrt(), within_two_sigma / count)
 }
 
-/// In a field of 54 deg of inclination, all but the boat after some seconds of rest. The speed of an aeroplane is not known.
+/// In a field of 54 deg of inclination, all but the boat after some seconds of rest, all but the hand with a known speed over ground.
 #[test]
 fn vehicles_without_an_autopilot_have_a_heading() {
     for (vehicle_kind, limit_deg) in

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use crate::trig::{sqrt, square};
 
-/// Time scales of the velocity's deviations, seconds: a hand's movements and a boat's in waves; a turn of an aeroplane. With the first
-/// alone 93 % of the headings of aeroplanes and VTOLs without an autopilot were within two sigmas, with both 98 and 99 %.
+/// Time scales of the velocity's deviations, seconds: a hand's movements and a boat's in waves; a turn of an aeroplane whose speed is not
+/// known. With the first alone 93 % of the headings of aeroplanes and VTOLs without an autopilot were within two sigmas, with both 99 %.
 const TIME_SCALES_S: [f32; 2] = [0.5, 2.5];
 
 /// Deviation on the short scale that is expected at a start in motion, m/s. With 0.5 m/s the acceleration of a VTOL of some seconds tilted
@@ -39,7 +39,7 @@ impl SmoothedDeviation {
 }
 
 /// Deviations on each time scale. The noise has the density of the scale on which it is largest: deviations that keep their sign for
-/// long tilt the attitude as far as slower noise.
+/// long tilt the attitude further.
 #[derive(Clone, Debug)]
 pub(super) struct VelocityNoise {
     deviations: [SmoothedDeviation; TIME_SCALES_S.len()],
@@ -74,11 +74,12 @@ impl VelocityNoise {
         deviation_m_s: &Vector3<f32>,
         explained_variance: f32,
         is_at_rest: bool,
+        is_speed_known: bool,
         step_s: f32,
     ) -> f32 {
         let mut density = MIN_VARIANCE * TIME_SCALES_S[0];
-        for (SmoothedDeviation { smoothed_m_s, mean_square }, scale_s) in self.deviations.iter_mut().zip(TIME_SCALES_S)
-        {
+        let used_scales = if is_speed_known { &TIME_SCALES_S[..1] } else { &TIME_SCALES_S };
+        for (SmoothedDeviation { smoothed_m_s, mean_square }, &scale_s) in self.deviations.iter_mut().zip(used_scales) {
             *smoothed_m_s += (deviation_m_s - *smoothed_m_s) * (step_s / scale_s).min(1.0);
             let square = (smoothed_m_s.norm_squared() / 3.0 - explained_variance).max(0.0);
             let is_replaced = is_at_rest || square > *mean_square;
