@@ -55,7 +55,7 @@ impl InertialLine {
             gyro_frame: GyroFrame::new(),
             carried_vertical: CarriedVertical::new(),
             latency_estimator: LatencyEstimator::new(),
-            tilt_comparison: TiltComparison::new(),
+            tilt_comparison: TiltComparison::new(SenderId::new(0)),
         }
     }
 
@@ -138,11 +138,14 @@ impl InertialLine {
     }
 
     /// Carries the vertical of an autopilot's report that is plausible, and describes this instant, and compares it with the own one.
-    pub fn carry_attitude(&mut self, at: Timestamp, attitude: RollPitch) {
+    pub fn carry_attitude(&mut self, at: Timestamp, report: &AttitudeReport) {
         if !HAS_OWN_ATTITUDE {
             return;
         }
-        self.carried_vertical.push_report(&self.gyro_frame, at, attitude);
+        self.carried_vertical.push_report(&self.gyro_frame, at, report.attitude);
+        if self.tilt_comparison.sender() != report.sender {
+            self.tilt_comparison = TiltComparison::new(report.sender);
+        }
         if let Some(newest) = self.estimates.newest()
             && let Some(carried) = self.carried_vertical.attitude_at(&self.gyro_frame, newest.sent_at)
         {

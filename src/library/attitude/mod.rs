@@ -81,7 +81,7 @@ impl AttitudeTrack {
         let described_at = arrival.plus_signed_us(-self.config.latency_us);
         let (report, own_rates) = self.own.improved_report(described_at, report, self.autopilot.field_direction());
         if let Some(described_at) = self.autopilot.push_report(arrival, report, own_rates) {
-            self.own.carry_attitude(described_at, report.attitude);
+            self.own.carry_attitude(described_at, &report);
         }
         true
     }

@@ -389,3 +389,21 @@ fn the_own_attitude_is_used_alone_only_without_an_autopilot() {
         assert_eq!(track.own_tilt_covariance().is_some(), is_used);
     }
 }
+
+/// Another autopilot has another alignment, here by 8 deg. Of the same one this is a contradiction.
+#[test]
+fn the_alignment_of_the_verticals_is_that_of_one_autopilot() {
+    for (second_sender, is_contradicted) in [(1, true), (2, false)] {
+        let mut track = AttitudeTrack::new(CONFIG);
+        track.set_source(AttitudeSource::Automatic);
+        for i in 0..1100_u16 {
+            let (sender, roll_deg) = if i < 1000 { (1, 16.0) } else { (second_sender, 24.0) };
+            let at = timestamp(20_000_000 + u64::from(i) * PERIOD_US);
+            let tilt_covariance = Matrix2::identity() * 1e-4;
+            track.push_inertial_attitude(at, &InertialAttitude { tilt_covariance, ..own_estimate(20.0, 0.0, 0.0) });
+            let report = roll_report(0, roll_deg + 0.01 * f32::from(i % 2), 0.0);
+            track.push_report(at.plus_us(LATENCY_US), AttitudeReport { sender: SenderId::new(sender), ..report });
+        }
+        assert_eq!(track.excess_tilt_variance().is_some(), is_contradicted, "{second_sender}");
+    }
+}

@@ -50,7 +50,7 @@ pub(super) struct VelocityNoise {
 impl VelocityNoise {
     /// Deviations at the start of a vehicle that has moved so far by this deviation on the long scale, m/s.
     pub fn new(movement_m_s: f32) -> Self {
-        let largest_mean_square = square(movement_m_s);
+        let largest_mean_square = square(movement_m_s.min(MAX_MOVEMENT_M_S));
         let deviations = [square(START_DEVIATION_M_S), largest_mean_square].map(SmoothedDeviation::new);
         Self { deviations, largest_mean_square }
     }
