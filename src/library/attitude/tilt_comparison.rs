@@ -1,8 +1,8 @@
 //! Comparison of the autopilot's vertical with the own one.
 //!
 //! The two differ by the alignment of their sensors, which stays, and by their errors. A larger difference is an error that one of them
-//! does not know: an attitude that hangs, or is a part of the true one, in a hover that no rate shows. Which of them is right stays
-//! open: the excess is a variance of the tilt.
+//! does not know: an attitude that hangs, or that reports a part of a copter's lean, which no rate shows in hover. Which of the two is
+//! right stays open: the excess is a variance of the tilt.
 
 use nalgebra::Vector3;
 

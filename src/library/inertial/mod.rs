@@ -90,8 +90,8 @@ const MAX_SAMPLE_TILT_SIGMA_RAD: f32 = 2.0 * DEG;
 const MAX_SAMPLE_TILT_SIGMA_BEFORE_REST_RAD: f32 = 1.5 * DEG;
 
 /// Largest sigma of a sample's tilt by the accelerometer's offset, rad: turns make the offset known, which tilts by 3 deg before. After a
-/// restart with an earlier estimate it is 0.81 deg. With 1.1 deg 8 % of the aeroplanes without a known speed had too few samples, now 2 %; with
-/// 0.85 deg most had.
+/// restart with an earlier estimate it is 0.81 deg. Of the aeroplanes without a known speed 2 % have too few samples, with 1.1 deg 8 %,
+/// with 0.85 deg most.
 const MAX_SAMPLE_OFFSET_SIGMA_RAD: f32 = 1.25 * DEG;
 
 /// Sums over the samples of a step of the error filter.

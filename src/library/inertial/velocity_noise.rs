@@ -48,7 +48,7 @@ pub(super) struct VelocityNoise {
 }
 
 impl VelocityNoise {
-    /// Deviations at the start of a vehicle that has moved so far by this deviation on the long scale, m/s.
+    /// Deviations at a start. The vehicle's largest deviation on the long scale has been `movement_m_s`.
     pub fn new(movement_m_s: f32) -> Self {
         let largest_mean_square = square(movement_m_s.min(MAX_MOVEMENT_M_S));
         let deviations = [square(START_DEVIATION_M_S), largest_mean_square].map(SmoothedDeviation::new);
@@ -60,7 +60,7 @@ impl VelocityNoise {
         sqrt(self.largest_mean_square)
     }
 
-    /// Takes the present deviations as movements, once a wrong vertical does not cause them.
+    /// Takes the present deviations as movements; no wrong vertical may cause them.
     pub fn record_movement(&mut self) {
         let mean_square = self.deviations[1].mean_square.min(square(MAX_MOVEMENT_M_S));
         self.largest_mean_square = self.largest_mean_square.max(mean_square);
