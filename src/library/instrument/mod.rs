@@ -455,8 +455,8 @@ impl Instrument {
             .map_or(deviation.is_finite(), |max_deviation| deviation <= max_deviation)
     }
 
-    /// Heading variance by errors of the own attitude, or of an autopilot's that contradicts it, rad^2. A tilt about the field's horizontal direction turns the heading
-    /// by `tan(inclination)` times its size, the gyro's axes turned about the vertical by their angle.
+    /// Heading variance by errors of the own attitude, or of an autopilot's that contradicts it, rad^2. A tilt about the field's horizontal
+    /// direction turns the heading by `tan(inclination)` times its size, the gyro's axes turned about the vertical by their angle.
     fn attitude_heading_variance_rad2(&self, inclination_rad: f32) -> f32 {
         let by_tilt = |tilt_variance: f32| {
             let (sin, cos) = trig::sin_cos(inclination_rad);
