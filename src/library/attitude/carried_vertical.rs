@@ -55,10 +55,15 @@ impl CarriedVertical {
         self.vertical = Some((at, followed.map_or(reported, |vertical| vertical.unit_vector())));
     }
 
+    /// The vertical in body axes at an instant; `None` soon after the start.
+    pub fn down_in_body_at(&self, frame: &GyroFrame, at: Timestamp) -> Option<Vector3<f32>> {
+        let (_, vertical) = self.vertical.filter(|_| self.report_count >= MIN_REPORTS)?;
+        Some(frame.rotation_at(at)?.inverse() * vertical)
+    }
+
     /// Attitude at an instant; `None` soon after the start.
     pub fn attitude_at(&self, frame: &GyroFrame, at: Timestamp) -> Option<RollPitch> {
-        let (_, vertical) = self.vertical.filter(|_| self.report_count >= MIN_REPORTS)?;
-        Some(roll_and_pitch_of_down(&(frame.rotation_at(at)?.inverse() * vertical)))
+        Some(roll_and_pitch_of_down(&self.down_in_body_at(frame, at)?))
     }
 }
 

@@ -147,10 +147,9 @@ impl InertialLine {
             self.tilt_comparison = TiltComparison::new(report.sender);
         }
         if let Some(newest) = self.estimates.newest()
-            && let Some(carried) = self.carried_vertical.attitude_at(&self.gyro_frame, newest.sent_at)
+            && let Some(carried) = self.carried_vertical.down_in_body_at(&self.gyro_frame, newest.sent_at)
         {
-            let [carried, own] =
-                [carried, newest.report.attitude].map(|attitude| attitude.tilt_rotation().down_in_body());
+            let own = newest.report.attitude.tilt_rotation().down_in_body();
             self.tilt_comparison.compare_verticals(newest.sent_at, carried, own, self.tilt_covariance.trace());
         }
     }

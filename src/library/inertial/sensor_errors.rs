@@ -43,8 +43,8 @@ pub struct SensorOffsets {
     pub accelerometer_m_s2: [f32; 3],
     /// Temperature of the estimate, degrees Celsius.
     pub temperature_c: f32,
-    /// Largest deviation of the velocity from its reference that lasted for seconds, m/s. An aeroplane in a turn looks level; at a start
-    /// the deviation makes the attitude as uncertain.
+    /// Largest deviation of the velocity from its reference that lasted for seconds, m/s. In a turn the specific force of an aeroplane is
+    /// that of level flight: the larger the deviations to be expected, the less it shows at a start.
     pub movement_m_s: f32,
 }
 

@@ -296,8 +296,8 @@ fn a_restart_uses_the_offsets_estimated_before() {
     assert_eq!(variances(-30.0), ([errors.gyro_offset_rad_s.powi(2); 3], 0.4_f32.powi(2)));
 }
 
-/// The specific force of an aeroplane in a turn looks level. The attitude of one that starts there is up to 9 sigmas off within a minute,
-/// unless the filter knows how it has been moved before.
+/// In a turn the specific force of an aeroplane is along its vertical axis, as in level flight. After a start there the attitude is up to
+/// 9 sigmas off within a minute, unless the filter knows how the aeroplane has moved before.
 #[test]
 fn a_start_in_a_turn_is_as_uncertain_as_earlier_turns_make_it() {
     fn in_turn(t_s: f64) -> ([f64; 3], [f64; 3]) {

@@ -81,10 +81,10 @@ impl VelocityNoise {
         let used_scales = if is_speed_known { &TIME_SCALES_S[..1] } else { &TIME_SCALES_S };
         for (SmoothedDeviation { smoothed_m_s, mean_square }, &scale_s) in self.deviations.iter_mut().zip(used_scales) {
             *smoothed_m_s += (deviation_m_s - *smoothed_m_s) * (step_s / scale_s).min(1.0);
-            let square = (smoothed_m_s.norm_squared() / 3.0 - explained_variance).max(0.0);
-            let is_replaced = is_at_rest || square > *mean_square;
+            let unexplained = (smoothed_m_s.norm_squared() / 3.0 - explained_variance).max(0.0);
+            let is_replaced = is_at_rest || unexplained > *mean_square;
             let weight = if is_replaced { 1.0 } else { (step_s / (MEMORY_SCALES * scale_s)).min(1.0) };
-            *mean_square += (square - *mean_square) * weight;
+            *mean_square += (unexplained - *mean_square) * weight;
             density = density.max(VARIANCE_PER_MEAN_SQUARE * *mean_square * scale_s);
         }
         density * (2.0 / step_s)
