@@ -77,11 +77,11 @@ pub struct GyroHeading {
 }
 
 impl GyroHeading {
-    /// State `seconds` earlier, at constant rates.
+    /// State `seconds` later, at constant rates.
     #[must_use]
-    pub fn extrapolated_back(self, seconds: f32) -> Self {
+    pub fn extrapolated(self, seconds: f32) -> Self {
         Self {
-            relative_heading_rad: wrap_pi(self.relative_heading_rad - self.euler_rates.heading_rad_s * seconds),
+            relative_heading_rad: wrap_pi(self.relative_heading_rad + self.euler_rates.heading_rad_s * seconds),
             ..self
         }
     }
@@ -204,7 +204,7 @@ mod tests {
     fn a_gyro_heading_is_turned_back_to_an_earlier_time() {
         let euler_rates = EulerRates { heading_rad_s: 0.5, ..EulerRates::default() };
         let now = GyroHeading { euler_rates, relative_heading_rad: -3.1, run_number: 7 };
-        let before = now.extrapolated_back(0.2);
+        let before = now.extrapolated(-0.2);
         assert!((before.relative_heading_rad - (core::f32::consts::TAU - 3.2)).abs() < 1e-5, "{before:?}");
         assert_eq!((before.euler_rates, before.run_number), (euler_rates, 7));
     }

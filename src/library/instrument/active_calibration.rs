@@ -61,6 +61,13 @@ impl ActiveCalibration {
             .map_or(field, |(calibration, _)| calibration.remove_motor_current(field, current_a))
     }
 
+    /// The field of a reading by the stored calibration; without one, the raw field.
+    pub fn field_as_stored(&self, field: Field<Sensor>, current_a: Option<f32>) -> Field<Body> {
+        self.stored_correction.calibration.as_ref().map_or(Field::new(field.ut), |(calibration, _)| {
+            calibration.calibrated_field(calibration.remove_motor_current(field, current_a))
+        })
+    }
+
     /// The corrected field of a reading; `None` without a calibration.
     pub fn calibrated_field(&self, field: Field<Sensor>) -> Option<Field<Body>> {
         self.adjusted_calibration.as_ref().map(|(calibration, _)| calibration.calibrated_field(field))

@@ -1,8 +1,7 @@
 //! Queue of readings waiting for the next attitude report, so that their attitude can be interpolated.
 
-use super::averager::Averager;
-use crate::attitude::{self, AttitudeLookup, EulerRates};
-use crate::calibration::Sample;
+use super::averager::{AveragedSample, Averager, CorrectedReading};
+use crate::attitude::{self, AttitudeLookup};
 use crate::frames::{Field, Sensor};
 use crate::time::Timestamp;
 
@@ -65,8 +64,8 @@ impl PairingQueue {
     pub fn next_sample(
         &mut self,
         attitude_at: impl Fn(Timestamp) -> AttitudeLookup,
-        euler_rates_at: impl Fn(Timestamp) -> Option<EulerRates>,
-    ) -> Option<(Timestamp, Sample)> {
+        corrected_at: impl Fn(Timestamp, Field<Sensor>) -> Option<CorrectedReading>,
+    ) -> Option<(Timestamp, AveragedSample)> {
         while let Some(&(at, field)) = self.waiting_readings.front() {
             let attitude = match attitude_at(at) {
                 AttitudeLookup::Interpolated(attitude) => Some(attitude),
@@ -80,8 +79,8 @@ impl PairingQueue {
                 self.count_unpaired();
                 continue;
             };
-            if let Some(sample) = self.averager.push_reading(at, field, attitude, euler_rates_at(at)) {
-                return Some((at, sample));
+            if let Some(averaged) = self.averager.push_reading(at, field, attitude, corrected_at(at, field)) {
+                return Some((at, averaged));
             }
         }
         None

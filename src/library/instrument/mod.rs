@@ -69,6 +69,7 @@ use crate::time::Timestamp;
 use crate::trig::{self, sqrt, square};
 use active_calibration::ActiveCalibration;
 use attitude_pairing::PairingQueue;
+use averager::{AveragedSample, CorrectedReading};
 use compass_field::CompassField;
 pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude, SensorErrorSigmas};
@@ -91,7 +92,7 @@ pub struct Instrument {
     rejection_counts: RejectionCounts,
     monitor: Monitor,
     /// Last sample, which the monitor has yet to process, and the time of its last reading.
-    pending_sample: Option<(Timestamp, Sample)>,
+    pending_sample: Option<(Timestamp, AveragedSample)>,
     compass_field: CompassField,
     consecutive_rejected_rates: u8,
     /// Last reported motor current, amperes, and its time.
@@ -152,6 +153,8 @@ impl Instrument {
     fn restart_monitor(&mut self, correction: Correction) {
         self.monitor = Monitor::new(correction.sensor_errors);
         self.pending_sample = None;
+        // A mean has fields of one calibration.
+        self.pairing_queue.clear_queue();
         self.replace_active(ActiveCalibration::new(correction));
     }
 
@@ -235,9 +238,7 @@ impl Instrument {
     }
 
     fn current_a(&self, at: Timestamp) -> Option<f32> {
-        self.motor_current
-            .filter(|&(reported_at, _)| at.us_since(reported_at) <= CURRENT_VALIDITY_US)
-            .map(|(_, amperes)| amperes)
+        valid_current_a(self.motor_current, at)
     }
 
     /// Processes a reading taken at `at`. It may complete a sample.
@@ -315,19 +316,22 @@ impl Instrument {
     pub fn next_sample(&mut self) -> Option<Sample> {
         match self.active_calibration.stored_correction.sample_attitude {
             SampleAttitude::Interpolated => {
-                let euler_rates_at = |at| Some(self.attitude_track.gyro_heading_at(at, 0)?.euler_rates);
-                let (at, mut sample) = self
-                    .pairing_queue
-                    .next_sample(|at| self.attitude_track.accurate_attitude_at(at), euler_rates_at)?;
-                sample.current = MotorCurrent::from_a(self.current_a(at));
-                self.pending_sample = Some((at, sample));
-                Some(sample)
+                let Self { pairing_queue, attitude_track, active_calibration, motor_current, .. } = self;
+                let corrected_at = |at, field| {
+                    let gyro_heading = attitude_track.gyro_heading_at(at, 0)?;
+                    let current_a = valid_current_a(*motor_current, at);
+                    Some(CorrectedReading { field: active_calibration.field_as_stored(field, current_a), gyro_heading })
+                };
+                let (at, mut averaged) =
+                    pairing_queue.next_sample(|at| attitude_track.accurate_attitude_at(at), corrected_at)?;
+                averaged.sample.current = MotorCurrent::from_a(self.current_a(at));
+                self.pending_sample = Some((at, averaged));
+                Some(averaged.sample)
             }
             SampleAttitude::Unknown => {
-                let (at, mut sample) =
-                    self.pairing_queue.next_sample(|_| AttitudeLookup::Interpolated(RollPitch::default()), |_| None)?;
-                sample.current = MotorCurrent::from_a(self.current_a(at));
-                Some(sample)
+                let level = |_| AttitudeLookup::Interpolated(RollPitch::default());
+                let (at, AveragedSample { sample, .. }) = self.pairing_queue.next_sample(level, |_, _| None)?;
+                Some(Sample { current: MotorCurrent::from_a(self.current_a(at)), ..sample })
             }
         }
     }
@@ -336,21 +340,15 @@ impl Instrument {
     /// call it after sending the heading. The monitor needs a calibration with a valid inclination.
     #[inline(never)]
     pub fn update_monitor(&mut self) {
-        let Some((at, sample)) = self.pending_sample.take() else { return };
+        let Some((at, averaged)) = self.pending_sample.take() else { return };
         let base = &self.active_calibration.stored_correction;
         let Some((calibration, uncertainty)) = base.calibration.as_ref().filter(|_| base.has_valid_inclination) else {
             return;
         };
-        // A sample's time is the middle of its readings.
-        let ahead_s = at.wrapping_millis().signed_ms_since(sample.time) as f32 * 1e-3;
-        let gyro_heading = self
-            .attitude_track
-            .gyro_heading_at(at, self.attitude_latency_us())
-            .map(|gyro_heading| gyro_heading.extrapolated_back(ahead_s));
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        let can_mount_turn = self.attitude_track.own_tilt_covariance().is_none();
-        self.monitor.process_sample(&monitored, at, &sample, gyro_heading, can_mount_turn);
+        let is_own_attitude = self.attitude_track.own_tilt_covariance().is_some();
+        self.monitor.process_sample(&monitored, at, &averaged, is_own_attitude);
         let adjustment = self.monitor.monitor_output();
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();
@@ -498,6 +496,11 @@ impl Instrument {
             Err(NoHeading::FieldDisturbed)
         }
     }
+}
+
+/// The reported current, if it is recent.
+fn valid_current_a(reported: Option<(Timestamp, f32)>, at: Timestamp) -> Option<f32> {
+    reported.filter(|&(reported_at, _)| at.us_since(reported_at) <= CURRENT_VALIDITY_US).map(|(_, amperes)| amperes)
 }
 
 #[cfg(test)]

@@ -22,6 +22,8 @@ const PITCH_RATE_VARIANCE_RAD2_S2: f32 = 0.006 * 0.006;
 pub(super) struct CoordinatedTurn {
     start_pitch_rad: Option<f32>,
     duration_s: f32,
+    /// Rate at the last sample.
+    pitch_rate_rad_s: f32,
     pitch_change_rad: f32,
     heading_change_rad: f32,
     roll_integral_rad_times_s: f32,
@@ -33,6 +35,7 @@ impl CoordinatedTurn {
     pub const EMPTY: Self = Self {
         start_pitch_rad: None,
         duration_s: 0.0,
+        pitch_rate_rad_s: 0.0,
         pitch_change_rad: 0.0,
         heading_change_rad: 0.0,
         roll_integral_rad_times_s: 0.0,
@@ -48,12 +51,14 @@ impl CoordinatedTurn {
         step_s: f32,
         unknowns: &StateVector,
     ) -> Option<Measurement<STATE_COUNT>> {
+        // Pitch and its rate are means of a sample's readings, so that the trapezoid rule is exact to second order.
+        let last_pitch_rate_rad_s = core::mem::replace(&mut self.pitch_rate_rad_s, euler_rates.pitch_rad_s);
         let Some(from_pitch_rad) = self.start_pitch_rad else {
             self.start_pitch_rad = Some(reported.pitch_rad);
             return None;
         };
         self.duration_s += step_s;
-        self.pitch_change_rad += euler_rates.pitch_rad_s * step_s;
+        self.pitch_change_rad += last_pitch_rate_rad_s.midpoint(euler_rates.pitch_rad_s) * step_s;
         self.heading_change_rad += euler_rates.heading_rad_s * step_s;
         self.roll_integral_rad_times_s += reported.roll_rad * step_s;
         for (sum, d) in self.gyro_error_row.iter_mut().zip(gyro_error_row) {
@@ -69,7 +74,8 @@ impl CoordinatedTurn {
         for (d, sum) in row.iter_mut().skip(FIRST_GYRO_ERROR_INDEX).zip(self.gyro_error_row) {
             *d = sum / self.duration_s;
         }
-        *self = Self { start_pitch_rad: Some(reported.pitch_rad), ..Self::EMPTY };
+        let (start_pitch_rad, pitch_rate_rad_s) = (Some(reported.pitch_rad), euler_rates.pitch_rad_s);
+        *self = Self { start_pitch_rad, pitch_rate_rad_s, ..Self::EMPTY };
         row[ROLL_BIAS_INDEX] = -heading_rad_s;
         row[BANK_SCALE_ERROR_INDEX] = -heading_rad_s * roll_rad;
         let predicted = row.iter().zip(unknowns).map(|(d, x)| d * x).sum::<f32>();

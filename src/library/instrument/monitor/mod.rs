@@ -34,6 +34,7 @@ use core::ops::Range;
 
 use nalgebra::Vector3;
 
+use super::averager::AveragedSample;
 use super::correction::SensorErrorSigmas;
 use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors};
 use super::ud_filter::{Measurement, UdFilter};
@@ -157,25 +158,26 @@ impl Monitor {
         &self.output
     }
 
-    /// Processes a sample whose last reading was at `at`, with the gyro turn at the sample's own time. A mount can turn
-    /// against the attitude of an autopilot, not against that of the module's own sensors.
+    /// Processes a sample whose last reading was at `at`. Against the attitude of the module's own sensors no mount can turn, and their
+    /// gyro does not check it.
     #[inline(never)]
     pub fn process_sample(
         &mut self,
         monitored: &MonitoredCalibration<'_>,
         at: Timestamp,
-        sample: &Sample,
-        gyro_heading: Option<GyroHeading>,
-        can_mount_turn: bool,
+        AveragedSample { sample, corrected }: &AveragedSample,
+        is_own_attitude: bool,
     ) {
         let calibration = monitored.calibration;
-        let field = calibration.corrected_body_field(sample).ut / calibration.total_ut;
+        let mean_field = || calibration.corrected_body_field(sample);
+        let field = corrected.map_or_else(mean_field, |corrected| corrected.field).ut / calibration.total_ut;
+        let gyro_heading = corrected.map(|corrected| corrected.gyro_heading.extrapolated(calibration.latency_s));
         let euler_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let monitor_sample = MonitorSample {
             field,
-            mount_turn_effect: can_mount_turn.then(|| MountTurnEffect::new(calibration, &position)),
+            mount_turn_effect: (!is_own_attitude).then(|| MountTurnEffect::new(calibration, &position)),
             attitude: sample.latency_compensated_attitude(calibration.latency_s),
             euler_rates,
         };
@@ -200,7 +202,7 @@ impl Monitor {
         let gyro_offset =
             GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
         self.heading_drift.update_drift(gyro_offset, monitor_sample.euler_rates.heading_rad_s, step_s);
-        if let Some(rows) = gyro_rows {
+        if let Some(rows) = gyro_rows.filter(|_| !is_own_attitude) {
             self.update_coordinated_turn(&monitor_sample, &rows.pitch_row, step_s);
         }
         let offset_rad = self.filter.mean()[GYRO_HEADING_OFFSET_INDEX];

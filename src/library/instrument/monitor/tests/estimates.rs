@@ -59,7 +59,7 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
 /// The same field, with an attitude that turns with the module.
 #[test]
 fn a_module_with_its_own_attitude_never_turns_in_its_mount() {
-    let mut flight = Flight { can_mount_turn: false, ..Flight::new(2) };
+    let mut flight = Flight { is_own_attitude: true, ..Flight::new(2) };
     flight.calibration.b_ut = [12.0, -8.0, 5.0];
     flight.fly_seconds(200);
     flight.errors.mount_turn_rad = 10_f32.to_radians();

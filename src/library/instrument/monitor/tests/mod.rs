@@ -13,6 +13,7 @@ use super::*;
 use crate::calibration::{Calibration, HeadingUncertainty, MotorCurrent, MotorCurrentInterference, Orientation};
 use crate::frames::{Field, RollPitch};
 use crate::heading::{Heading, HeadingLimits, compute_heading};
+use crate::instrument::averager::CorrectedReading;
 
 const INCLINATION_RAD: f32 = 1.0;
 const TOTAL_UT: f32 = 50.0;
@@ -52,7 +53,7 @@ struct Flight {
     sample_count: u32,
     /// Whether the source sends body rates.
     has_gyro: bool,
-    can_mount_turn: bool,
+    is_own_attitude: bool,
     gyro_heading_offset_rad: f32,
     gyro_run_number: u8,
     current: MotorCurrent,
@@ -109,7 +110,7 @@ impl Flight {
             errors: SimulatedErrors::default(),
             sample_count: 0,
             has_gyro: true,
-            can_mount_turn: true,
+            is_own_attitude: false,
             gyro_heading_offset_rad: 2.0,
             gyro_run_number: 0,
             current: MotorCurrent::UNKNOWN,
@@ -170,7 +171,12 @@ impl Flight {
         let at = Timestamp::from_us(u64::from(self.sample_count) * 100_000);
         let sample = Sample { time: at.wrapping_millis(), ..sample };
         let monitored = monitored_calibration(&self.calibration, &self.uncertainty);
-        self.monitor.process_sample(&monitored, at, &sample, gyro_heading, self.can_mount_turn);
+        let field = monitored.calibration.corrected_body_field(&sample);
+        let averaged = AveragedSample {
+            sample,
+            corrected: gyro_heading.map(|gyro_heading| CorrectedReading { field, gyro_heading }),
+        };
+        self.monitor.process_sample(&monitored, at, &averaged, self.is_own_attitude);
     }
 
     fn fly_seconds(&mut self, seconds: u32) -> FlightResult {
