@@ -23,6 +23,8 @@ pub(super) struct AveragedSample {
     /// Mean of the corrected fields as measured at the sample's attitude and at the mean gyro heading: exactly one instant. `None` if a
     /// reading has no gyro heading, or one of another run.
     pub corrected: Option<CorrectedReading>,
+    /// Rates at the last reading, by which the attitude of a late source has gone on since the sample; zero without a gyro heading.
+    pub latest_rates: EulerRates,
 }
 
 /// Averages gapless runs of readings, and their attitudes and gyro headings, so that all refer to the same time.
@@ -55,6 +57,7 @@ struct GyroSums {
     relative_heading_sum_rad: f32,
     /// Sums of the rates of roll, pitch and heading, rad/s.
     rate_sums_rad_s: [f32; 3],
+    latest_rates: EulerRates,
     /// Sum of the corrected fields in the level frame, turned back to the first heading.
     field_sum_ut: Vector3<f32>,
 }
@@ -66,6 +69,7 @@ impl GyroSums {
             first_heading_rad: first.gyro_heading.relative_heading_rad,
             relative_heading_sum_rad: 0.0,
             rate_sums_rad_s: [0.0; 3],
+            latest_rates: first.gyro_heading.euler_rates,
             field_sum_ut: Vector3::zeros(),
         }
     }
@@ -78,6 +82,7 @@ impl GyroSums {
         (run_number == self.run_number).then(|| Self {
             relative_heading_sum_rad: self.relative_heading_sum_rad + turned_rad,
             rate_sums_rad_s: [roll + roll_rad_s, pitch + pitch_rad_s, heading + heading_rad_s],
+            latest_rates: euler_rates,
             field_sum_ut: self.field_sum_ut + turned(attitude.to_level_frame(added.field).ut, turned_rad),
             ..self
         })
@@ -169,7 +174,8 @@ impl AveragingRun {
         });
         let time = middle.wrapping_millis();
         let sample = Sample { rates, time, ..Sample::new(Field::new(self.field_sum_ut / count), attitude) };
-        AveragedSample { sample, corrected }
+        let latest_rates = self.gyro_sums.map_or_else(EulerRates::default, |sums| sums.latest_rates);
+        AveragedSample { sample, corrected, latest_rates }
     }
 }
 
@@ -210,7 +216,7 @@ mod tests {
     fn averages_field_attitude_and_time_of_a_run() {
         let samples = averaged_turn(|_| 3);
         assert_eq!(samples.len(), 2);
-        let AveragedSample { sample, corrected } = samples[1];
+        let AveragedSample { sample, corrected, latest_rates } = samples[1];
         assert_eq!(sample.field, Field::from_ut(11.5, 0.0, -11.5));
         assert!((sample.attitude.roll_rad.to_degrees() - 11.5).abs() < 1e-4);
         assert!((sample.attitude.pitch_rad.to_degrees() + 11.5).abs() < 1e-4);
@@ -218,7 +224,7 @@ mod tests {
         assert_eq!(sample.time, WrappingMillis::new(143));
         let CorrectedReading { field, gyro_heading } = corrected.unwrap();
         assert!((gyro_heading.relative_heading_rad - wrap_pi(3.15)).abs() < 1e-5, "{gyro_heading:?}");
-        assert_eq!(gyro_heading.run_number, 3);
+        assert_eq!((gyro_heading.run_number, latest_rates.roll_rad_s), (3, 1.5));
         // No shorter than each reading, and of the mean heading.
         let level = sample.attitude.to_level_frame(field);
         assert!((level.ut - Field::earth_field(50.0, 1.0, 3.15).ut).vector_length() < 1e-3, "{level:?}");

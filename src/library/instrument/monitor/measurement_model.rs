@@ -124,7 +124,7 @@ pub(super) struct MonitorSample {
     /// `None` if the mount cannot turn.
     pub mount_turn_effect: Option<MountTurnEffect>,
     pub attitude: RollPitch,
-    /// Euler-angle rates; zero if the source sends no body rates.
+    /// Euler-angle rates at the last reading, by which the attitude of a late source has gone on; zero without body rates.
     pub euler_rates: EulerRates,
 }
 

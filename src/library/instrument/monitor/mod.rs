@@ -40,7 +40,7 @@ use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors};
 use super::ud_filter::{Measurement, UdFilter};
 use crate::attitude::{EulerRates, GyroHeading};
 use crate::calibration::{Calibration, Sample};
-use crate::frames::wrap_pi;
+use crate::frames::{RollPitch, wrap_pi};
 use crate::heading::NoHeading;
 use crate::time::Timestamp;
 use crate::trig;
@@ -165,21 +165,20 @@ impl Monitor {
         &mut self,
         monitored: &MonitoredCalibration<'_>,
         at: Timestamp,
-        AveragedSample { sample, corrected }: &AveragedSample,
+        AveragedSample { sample, corrected, latest_rates }: &AveragedSample,
         is_own_attitude: bool,
     ) {
         let calibration = monitored.calibration;
         let mean_field = || calibration.corrected_body_field(sample);
         let field = corrected.map_or_else(mean_field, |corrected| corrected.field).ut / calibration.total_ut;
         let gyro_heading = corrected.map(|corrected| corrected.gyro_heading.extrapolated(calibration.latency_s));
-        let euler_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let monitor_sample = MonitorSample {
             field,
             mount_turn_effect: (!is_own_attitude).then(|| MountTurnEffect::new(calibration, &position)),
             attitude: sample.latency_compensated_attitude(calibration.latency_s),
-            euler_rates,
+            euler_rates: *latest_rates,
         };
         if self.is_awaiting_current(calibration, sample)
             || !monitor_sample.is_finite()
@@ -190,7 +189,8 @@ impl Monitor {
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
         self.acceleration_tilt.update_tilt(monitor_sample.attitude, &monitor_sample.euler_rates, step_s);
-        let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &monitor_sample.euler_rates));
+        let gyro_rows =
+            gyro_heading.map(|gyro_heading| GyroErrorRows::new(monitor_sample.attitude, &gyro_heading.euler_rates));
         let by_tilt = gyro_rows.as_ref().map_or(0.0, |rows| self.heading_noise_by_tilt(monitored, rows));
         self.predict_state(by_tilt, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
@@ -202,8 +202,9 @@ impl Monitor {
         let gyro_offset =
             GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
         self.heading_drift.update_drift(gyro_offset, monitor_sample.euler_rates.heading_rad_s, step_s);
-        if let Some(rows) = gyro_rows.filter(|_| !is_own_attitude) {
-            self.update_coordinated_turn(&monitor_sample, &rows.pitch_row, step_s);
+        if let Some((gyro_heading, rows)) = gyro_heading.zip(gyro_rows).filter(|_| !is_own_attitude) {
+            let rates = gyro_heading.euler_rates;
+            self.update_coordinated_turn(monitor_sample.attitude, &rates, &rows.pitch_row, step_s);
         }
         let offset_rad = self.filter.mean()[GYRO_HEADING_OFFSET_INDEX];
         self.filter.set_mean(GYRO_HEADING_OFFSET_INDEX, wrap_pi(offset_rad));
@@ -508,14 +509,19 @@ impl Monitor {
     }
 
     /// Updates with the coordinated-turn pseudo-measurement at the end of its window.
-    fn update_coordinated_turn(&mut self, sample: &MonitorSample, gyro_error_row: &GyroErrors, step_s: f32) {
+    fn update_coordinated_turn(
+        &mut self,
+        attitude: RollPitch,
+        euler_rates: &EulerRates,
+        gyro_error_row: &GyroErrors,
+        step_s: f32,
+    ) {
         if step_s > MAX_INTEGRATED_STEP_S {
             self.coordinated_turn = CoordinatedTurn::EMPTY;
             return;
         }
         let states = self.filter.mean();
-        let measured =
-            self.coordinated_turn.integrate(sample.attitude, &sample.euler_rates, gyro_error_row, step_s, states);
+        let measured = self.coordinated_turn.integrate(attitude, euler_rates, gyro_error_row, step_s, states);
         if let Some(measurement) = measured {
             self.filter.apply_measurement(&measurement);
         }

@@ -175,6 +175,7 @@ impl Flight {
         let averaged = AveragedSample {
             sample,
             corrected: gyro_heading.map(|gyro_heading| CorrectedReading { field, gyro_heading }),
+            latest_rates: gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates),
         };
         self.monitor.process_sample(&monitored, at, &averaged, self.is_own_attitude);
     }
