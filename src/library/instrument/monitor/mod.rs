@@ -8,7 +8,7 @@
 //! includes the filter's covariance. Innovations beyond the gates suppress the heading.
 //!
 //! The covariance is stored as UD factors, so that rounding cannot make a variance negative. The innovations also adapt
-//! the measurement noise, and the variance of the calibration's coefficients.
+//! the measurement noise.
 //!
 //! After a detected change the covariance of hard iron is inflated isotropically by the squared innovation, because a
 //! change along the unobserved direction may be as large as along the observed ones. The variances of attitude states
@@ -17,7 +17,6 @@
 
 mod acceleration_tilt;
 mod adaptive_noise;
-mod coefficient_variance;
 mod coordinated_turn;
 mod heading_drift;
 mod innovation_gate;
@@ -47,7 +46,6 @@ use crate::trig;
 use crate::trig::{VectorLength as _, sqrt, square};
 use acceleration_tilt::AccelerationTilt;
 use adaptive_noise::{AdaptiveNoise, SampleNoise};
-use coefficient_variance::CoefficientVarianceFactor;
 use coordinated_turn::CoordinatedTurn;
 use heading_drift::{GyroOffsetEstimate, HeadingDrift};
 use innovation_gate::{GateResult, Innovation, InnovationGate, PerKind};
@@ -90,7 +88,6 @@ pub(super) struct Monitor {
     is_strength_test_failed: bool,
     /// Measurement variances due to coefficient errors in the last sample.
     coefficient_variances: PerKind<f32>,
-    coefficient_variance_factor: CoefficientVarianceFactor,
     /// Remaining time of increased hard-iron process noise, seconds.
     post_change_remaining_s: f32,
     coordinated_turn: CoordinatedTurn,
@@ -136,7 +133,6 @@ impl Monitor {
             innovation_gate: InnovationGate::NO_INNOVATIONS,
             is_strength_test_failed: false,
             coefficient_variances: [0.0; 3],
-            coefficient_variance_factor: CoefficientVarianceFactor::INITIAL,
             post_change_remaining_s: 0.0,
             coordinated_turn: CoordinatedTurn::EMPTY,
             last_gyro_error_row: None,
@@ -321,7 +317,6 @@ impl Monitor {
         let variances = self.measurement_variances(monitored, sample, &model, normalised_field, step_s);
         let measurements = model.measurements(&predicted, sample, variances);
         self.adapt_noise_to_residuals(monitored, &measurements, step_s);
-        self.adapt_coefficient_variance(&measurements, sample.euler_rates.heading_rad_s * step_s);
         let is_usable =
             self.test_innovations(monitored.calibration, sample, &model, &measurements, normalised_field, step_s);
         if let Some(gyro_heading) = gyro_heading {
@@ -379,16 +374,6 @@ impl Monitor {
         if let Some(strength) = strength {
             noise.update_strength_residual(strength.residual, step_s);
         }
-    }
-
-    fn adapt_coefficient_variance(
-        &mut self,
-        [strength, inclination, _]: &PerKind<Option<Measurement<STATE_COUNT>>>,
-        turned_rad: f32,
-    ) {
-        let residuals = [strength, inclination].map(|measured| measured.as_ref().map(|measured| measured.residual));
-        let [by_strength, by_inclination, _] = self.coefficient_variances;
-        self.coefficient_variance_factor.update_means(residuals, [by_strength, by_inclination], turned_rad);
     }
 
     /// Tests the innovations and inflates the covariance after a change; whether each measurement is usable.
@@ -615,7 +600,6 @@ impl Monitor {
             + alternative_cause_variance_rad2(&change, heading_jacobian, &states);
         self.output = MonitorOutput {
             states,
-            coefficient_variance_factor: self.coefficient_variance_factor.variance_factor(),
             heading_variance_rad2: sent_rad2,
             sample_noise: self.output_noise(monitored.sample_noise()),
             run_and_heading_offset_variance: self

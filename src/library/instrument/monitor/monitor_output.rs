@@ -20,8 +20,6 @@ use crate::trig::{sin_cos, sqrt, square};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MonitorOutput {
     pub(super) states: StateVector,
-    /// Factor on the variance that the coefficients cause in a heading.
-    pub(super) coefficient_variance_factor: f32,
     /// Heading variance due to the states' covariance, square radians.
     pub heading_variance_rad2: f32,
     pub(super) sample_noise: Option<SampleNoise>,
@@ -36,7 +34,6 @@ pub(crate) struct MonitorOutput {
 impl MonitorOutput {
     pub const INITIAL: Self = Self {
         states: [0.0; STATE_COUNT],
-        coefficient_variance_factor: 1.0,
         heading_variance_rad2: 0.0,
         sample_noise: None,
         run_and_heading_offset_variance: None,
@@ -92,7 +89,7 @@ impl MonitorOutput {
             total_ut: calibration.total_ut * (1.0 + self.states[STRENGTH_CHANGE_INDEX]),
             ..*calibration
         };
-        let mut adapted = uncertainty.with_scaled_covariance(self.coefficient_variance_factor);
+        let mut adapted = *uncertainty;
         if let Some(noise) = self.sample_noise {
             adapted.relative_sensor_sigma = sqrt(noise.strength_variance * f32::from(readings_per_sample));
             adapted.attitude_sigma_rad = sqrt(noise.tilt_variance_rad2);

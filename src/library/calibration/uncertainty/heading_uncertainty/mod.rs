@@ -54,12 +54,6 @@ impl HeadingUncertainty {
     pub const NO_UNCERTAINTY: Self =
         Self { reduced_covariance: [[0.0; 10]; 6], relative_sensor_sigma: 0.0, attitude_sigma_rad: 0.0 };
 
-    /// The same uncertainty with the covariance of the coefficients multiplied by `factor`.
-    pub(crate) fn with_scaled_covariance(&self, factor: f32) -> Self {
-        let reduced_covariance = self.reduced_covariance.map(|row| row.map(|sum| sum * factor));
-        Self { reduced_covariance, ..*self }
-    }
-
     fn from_covariance(
         covariance: &CoefficientCovariance,
         relative_sensor_sigma: f32,

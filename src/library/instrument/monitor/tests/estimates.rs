@@ -230,20 +230,6 @@ fn the_expected_drift_of_the_hard_iron_is_in_the_sigma() {
     assert!(large > 1.5 * usual, "{large} {usual}");
 }
 
-/// A calibration whose gain along x is stated to 6 %: turns show whether it is as wrong as that.
-#[test]
-fn residuals_in_turns_adapt_the_coefficient_variance() {
-    let factor = |gain: f32| {
-        let mut flight = Flight::new(4);
-        flight.calibration.w[0][0] = gain;
-        flight.uncertainty.reduced_covariance[0][0] = 0.06 * 0.06;
-        flight.fly_seconds(400);
-        flight.monitor.monitor_output().coefficient_variance_factor
-    };
-    let [right, high, low] = [1.0, 1.06, 0.94].map(factor);
-    assert!(right < 0.35 && high > 0.75 && low > 0.75, "{right} {high} {low}");
-}
-
 /// Hard iron that drifts by 5 uT within 100 s of straight flight, where only two of its components show: the variance
 /// of the heading covers the third.
 #[test]
