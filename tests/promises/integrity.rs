@@ -141,13 +141,13 @@ fn a_fault_of_a_source_withholds_the_heading_or_is_not_seen_in_it() {
 }
 
 /// ArduPilot by MSP: a heading that stops in a turn shows after 2 deg. When a coarse source was detected after 0.5 s
-/// only, a third of the headings sent was bad, and after a stall of 1.4 s all headings of a flight were. Measured over 60 flights from
-/// seed 7000: none bad, 7.5 deg at worst.
+/// only, a third of the headings sent was bad, and after a stall of 1.4 s all headings of a flight were. Measured over 40 flights from
+/// seed 7000: none bad, 3.6 deg at worst; 8.9 when rates took the jump after a stall for a turn.
 #[test]
 fn a_source_by_msp_that_stops_in_a_turn_gives_no_heading() {
     let plan = IntegrityPlan { flights_per_case: 16, seed: 40_013, attitude_protocol: Msp, ..TEST_PLAN };
     for row in run_plan(plan, &["frozen-turn", "source-stalls"]) {
-        assert!(row.bad_percent <= 0.05 && row.worst_deg <= 9.0, "{row:?}");
+        assert!(row.bad_percent <= 0.05 && row.worst_deg <= 6.0, "{row:?}");
     }
 }
 
@@ -355,8 +355,8 @@ fn gyro_errors_are_estimated() {
         for row in run_whole_plan(TEST_PLAN, &[case]) {
             assert!(row.rms_deg <= rms_deg && row.bad_percent <= 0.3 && row.empty_percent <= 3.0, "{row:?}");
             assert!(row.worst_10s_deg < 5.0 && row.smooth_percent > 95.0, "{row:?}");
-            // The estimate lags behind a growing offset; sigma does not include the lag. Of gyro-10, 90 % in 60 flights.
-            let least_percent = if case == "gyro-ramp" { 80.0 } else { 85.0 };
+            // The estimate lags behind a growing offset; sigma does not include the lag: 80 % in 60 flights, 90 of gyro-10.
+            let least_percent = if case == "gyro-ramp" { 78.0 } else { 85.0 };
             assert!(row.within_two_sigma_percent >= least_percent, "{row:?}");
             // An offset that a turn with a scale error of 10 %, or none, has made known: its later change is in the sigma.
             let most_sigma = if matches!(case, "gyro-10" | "gyro-ramp") { 4.0 } else { 1.6 };
@@ -383,7 +383,7 @@ fn an_upset_of_the_own_gyro_does_not_turn_the_heading() {
 /// found. Measured over 40 flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad. Before the vertical was compared in the
 /// gyro's frame, axis by axis, the first four were 0.02, 0.0, 1.7 and 6.4 %; before the field arbitrated between the own gyro and rates
 /// that are computed from a leaning attitude, the next two 2.0 and 1.3 %. Of copters that lean in hover, where no rate shows it, 0.3 %, and
-/// before the own vertical was compared 2.2 %. Of `stuck-noisy`, whose headings are almost all empty, 0.8 %
+/// before the own vertical was compared 2.2 %. Of `stuck-noisy`, whose headings are almost all empty, 0.3 %
 /// over 180 flights; a single flight decides over the few here.
 #[test]
 fn the_own_gyro_checks_the_autopilots_attitude() {
@@ -393,7 +393,7 @@ fn the_own_gyro_checks_the_autopilots_attitude() {
         (VehicleKind::Copter, Mavlink, 1, "lean-30", 1.0, 50.0..=90.0),
         (VehicleKind::Vtol, Mavlink, 41, "attitude-hangs", 0.5, 80.0..=100.0),
         (VehicleKind::Vtol, Mavlink, 1, "lean-30", 0.5, 70.0..=100.0),
-        (VehicleKind::Plane, Mavlink, 5, "stuck-noisy", 2.0, 80.0..=100.0),
+        (VehicleKind::Plane, Mavlink, 5, "stuck-noisy", 4.0, 80.0..=100.0),
         (VehicleKind::Plane, Msp, 17, "lean-30", 1.0, 70.0..=100.0),
         (VehicleKind::Plane, Msp, 1, "imu-stuck-z", 0.5, 0.0..=3.0),
     ] {

@@ -17,8 +17,9 @@ const TIME_CONSTANT_S: f32 = 0.15;
 /// Longest interval between reports, seconds.
 const MAX_STEP_S: f32 = 0.3;
 
-/// Largest deviation from the predicted angle, radians: 17 deg, a roll at 800 deg/s between two reports.
-const MAX_RESIDUAL_RAD: f32 = 0.3;
+/// Largest deviations from the predicted angles, radians: 17 deg, a roll at 800 deg/s between two reports; 4 deg of heading. A source
+/// that stalls in a turn goes on with a jump, which the aircraft has not turned since.
+const MAX_RESIDUALS_RAD: Angles = [0.3, 0.3, 0.07];
 
 /// Number of consecutive deviations after which the filter restarts.
 const MAX_CONSECUTIVE_OUTLIERS: u8 = 3;
@@ -59,7 +60,7 @@ impl RateEstimator {
         }
         let predicted: Angles = from_fn(|i| last_angles.angles_rad[i] + last_angles.rates_rad_s[i] * step_s);
         let mut residuals: Angles = from_fn(|i| wrap_pi(measured[i] - predicted[i]));
-        let is_outlier = residuals.iter().any(|residual| residual.abs() > MAX_RESIDUAL_RAD);
+        let is_outlier = residuals.iter().zip(MAX_RESIDUALS_RAD).any(|(residual, limit)| residual.abs() > limit);
         let outliers = if is_outlier { last_angles.consecutive_outliers + 1 } else { 0 };
         if outliers > MAX_CONSECUTIVE_OUTLIERS || step_s == 0.0 {
             return [0.0; 3];

@@ -68,6 +68,19 @@ fn a_module_with_its_own_attitude_never_turns_in_its_mount() {
     assert!(matches!(change, None | Some(InstallationChange::HardIron(_))), "{change:?}");
 }
 
+/// Pitch rates of 1 deg/s that the reported pitch does not follow are an offset of an autopilot's gyro. The own pitch is that of the own
+/// gyro, whose offset the attitude filter knows better.
+#[test]
+fn pitch_rates_check_the_attitude_of_an_autopilot_alone() {
+    let [by_autopilot, by_own] = [false, true].map(|is_own_attitude| {
+        let mut flight = Flight { is_own_attitude, ..Flight::new(2) };
+        flight.errors.pitch_excursion_rate_rad_s = 1_f32.to_radians();
+        flight.fly_seconds(20);
+        flight.monitor.monitor_output().states[GYRO_RATE_OFFSET_INDICES[0]].to_degrees()
+    });
+    assert!(by_autopilot > 0.1 && by_own.abs() < 0.01, "{by_autopilot} {by_own}");
+}
+
 /// A change of place, as after an hour of flight, is not estimated as hard iron.
 #[test]
 fn a_change_of_place_is_estimated() {
