@@ -195,7 +195,8 @@ fn one_seed_gives_one_run() {
         let mut emulator = start_emulator();
         emulator.send_console_line("cal start turns");
         emulator.world().append_leg(Leg::Turn { bank_deg: 30.0, heading_change_deg: 90.0 });
-        emulator.run_for_s(10.0);
+        // Between two sentences, because the status counts them, and the bytes of the command arrive to some microseconds.
+        emulator.run_for_s(10.05);
         let status = emulator.send_console_line("status all");
         (status, emulator.instrument_cable().receive_bytes())
     };
