@@ -17,9 +17,12 @@ const TIME_CONSTANT_S: f32 = 0.15;
 /// Longest interval between reports, seconds.
 const MAX_STEP_S: f32 = 0.3;
 
-/// Largest deviations from the predicted angles, radians: 17 deg, a roll at 800 deg/s between two reports; 4 deg of heading. A source
-/// that stalls in a turn goes on with a jump, which the aircraft has not turned since.
-const MAX_RESIDUALS_RAD: Angles = [0.3, 0.3, 0.07];
+/// Largest deviation from the predicted angle, radians: 17 deg, a roll at 800 deg/s between two reports.
+const MAX_RESIDUAL_RAD: f32 = 0.3;
+
+/// Deviation of a single heading that is a jump, radians: 4 deg. A source that stalls in a turn goes on with one, which the aircraft has
+/// not turned since.
+const MIN_HEADING_JUMP_RAD: f32 = 0.07;
 
 /// Number of consecutive deviations after which the filter restarts.
 const MAX_CONSECUTIVE_OUTLIERS: u8 = 3;
@@ -34,6 +37,7 @@ struct SmoothedAngles {
     angles_rad: Angles,
     rates_rad_s: Angles,
     consecutive_outliers: u8,
+    has_heading_jumped: bool,
 }
 
 /// Tracking filter of roll, pitch and heading.
@@ -51,16 +55,25 @@ impl RateEstimator {
     /// unknown.
     pub fn update_rates(&mut self, at: Timestamp, attitude: RollPitch, heading_rad: f32) -> [f32; 3] {
         let measured = [attitude.roll_rad, attitude.pitch_rad, heading_rad];
-        let started =
-            SmoothedAngles { updated_at: at, angles_rad: measured, rates_rad_s: [0.0; 3], consecutive_outliers: 0 };
+        let started = SmoothedAngles {
+            updated_at: at,
+            angles_rad: measured,
+            rates_rad_s: [0.0; 3],
+            consecutive_outliers: 0,
+            has_heading_jumped: false,
+        };
         let Some(last_angles) = self.0.replace(started) else { return [0.0; 3] };
         let step_s = at.us_since(last_angles.updated_at) as f32 * 1e-6;
         if !(0.0..=MAX_STEP_S).contains(&step_s) {
             return [0.0; 3];
         }
-        let predicted: Angles = from_fn(|i| last_angles.angles_rad[i] + last_angles.rates_rad_s[i] * step_s);
+        let mut predicted: Angles = from_fn(|i| last_angles.angles_rad[i] + last_angles.rates_rad_s[i] * step_s);
         let mut residuals: Angles = from_fn(|i| wrap_pi(measured[i] - predicted[i]));
-        let is_outlier = residuals.iter().zip(MAX_RESIDUALS_RAD).any(|(residual, limit)| residual.abs() > limit);
+        let has_heading_jumped = residuals[2].abs() > MIN_HEADING_JUMP_RAD && !last_angles.has_heading_jumped;
+        if has_heading_jumped {
+            (predicted[2], residuals[2]) = (heading_rad, 0.0);
+        }
+        let is_outlier = residuals.iter().any(|residual| residual.abs() > MAX_RESIDUAL_RAD);
         let outliers = if is_outlier { last_angles.consecutive_outliers + 1 } else { 0 };
         if outliers > MAX_CONSECUTIVE_OUTLIERS || step_s == 0.0 {
             return [0.0; 3];
@@ -76,6 +89,7 @@ impl RateEstimator {
             angles_rad: from_fn(|i| wrap_pi(predicted[i] + angle_gain * residuals[i])),
             rates_rad_s: from_fn(|i| last_angles.rates_rad_s[i] + rate_gain * residuals[i]),
             consecutive_outliers: outliers,
+            has_heading_jumped,
         });
         let [roll_rad_s, pitch_rad_s, heading_rad_s] =
             from_fn(|i| last_angles.rates_rad_s[i] + angle_gain * residuals[i] / step_s);
