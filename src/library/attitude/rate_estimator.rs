@@ -20,9 +20,9 @@ const MAX_STEP_S: f32 = 0.3;
 /// Largest deviation from the predicted angle, radians: 17 deg, a roll at 800 deg/s between two reports.
 const MAX_RESIDUAL_RAD: f32 = 0.3;
 
-/// Deviation of a single heading that is a jump, radians: 4 deg. A source that stalls in a turn goes on with one, which the aircraft has
+/// Deviation of a single heading that is a jump, radians: 8 deg. A source that stalls in a turn goes on with one, which the aircraft has
 /// not turned since.
-const MIN_HEADING_JUMP_RAD: f32 = 0.07;
+const MIN_HEADING_JUMP_RAD: f32 = 0.14;
 
 /// Number of consecutive deviations after which the filter restarts.
 const MAX_CONSECUTIVE_OUTLIERS: u8 = 3;
