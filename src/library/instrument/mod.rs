@@ -80,7 +80,7 @@ use sensor_check::{ReadingFault, SensorCheck};
 use smoother::HeadingSmoother;
 pub use turn_request::TurnRequest;
 
-/// Instrument state, 7.7 KB with an own gyro. Larger methods are not inlined, to limit the stack.
+/// Instrument state, 7.8 KB with an own gyro. Larger methods are not inlined, to limit the stack.
 #[derive(Debug)]
 pub struct Instrument {
     config: InstrumentConfig,

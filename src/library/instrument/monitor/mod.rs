@@ -168,6 +168,7 @@ impl Monitor {
         let mean_field = || calibration.corrected_body_field(sample);
         let field = corrected.map_or_else(mean_field, |corrected| corrected.field).ut / calibration.total_ut;
         let gyro_heading = corrected.map(|corrected| corrected.gyro_heading.extrapolated(calibration.latency_s));
+        let mean_rates = gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates);
         // Field relative to the hard iron, in units of the field strength: errors of the soft iron multiply it.
         let position = (sample.field.ut - calibration.b_vector_ut()) / calibration.total_ut;
         let monitor_sample = MonitorSample {
@@ -185,8 +186,7 @@ impl Monitor {
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
         self.acceleration_tilt.update_tilt(monitor_sample.attitude, &monitor_sample.euler_rates, step_s);
-        let gyro_rows =
-            gyro_heading.map(|gyro_heading| GyroErrorRows::new(monitor_sample.attitude, &gyro_heading.euler_rates));
+        let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &mean_rates));
         let by_tilt = gyro_rows.as_ref().map_or(0.0, |rows| self.heading_noise_by_tilt(monitored, rows));
         self.predict_state(by_tilt, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
@@ -198,9 +198,8 @@ impl Monitor {
         let gyro_offset =
             GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
         self.heading_drift.update_drift(gyro_offset, monitor_sample.euler_rates.heading_rad_s, step_s);
-        if let Some((gyro_heading, rows)) = gyro_heading.zip(gyro_rows).filter(|_| !is_own_attitude) {
-            let rates = gyro_heading.euler_rates;
-            self.update_coordinated_turn(monitor_sample.attitude, &rates, &rows.pitch_row, step_s);
+        if let Some(rows) = gyro_rows.filter(|_| !is_own_attitude) {
+            self.update_coordinated_turn(monitor_sample.attitude, &mean_rates, &rows.pitch_row, step_s);
         }
         let offset_rad = self.filter.mean()[GYRO_HEADING_OFFSET_INDEX];
         self.filter.set_mean(GYRO_HEADING_OFFSET_INDEX, wrap_pi(offset_rad));
