@@ -403,6 +403,16 @@ fn the_own_gyro_checks_the_autopilots_attitude() {
     }
 }
 
+/// The own attitude of an aeroplane is not accurate in a turn; a sensor that sticks there shows after it, by the gyro's heading across
+/// the turn. Measured over 60 flights: 0.2 % bad, 5.4 deg RMS; with a heading that starts again after 3 s, 5.9 % and 27 deg.
+#[test]
+fn a_sensor_that_sticks_in_a_turn_by_the_own_attitude_is_found_after_it() {
+    let plan = IntegrityPlan { attitude: AttitudeSource::Own, flights_per_case: 8, seed: 7, ..TEST_PLAN };
+    for row in run_whole_plan(plan, &["stuck-noisy"]) {
+        assert!(row.bad_percent <= 1.0 && row.rms_deg <= 8.0 && row.empty_percent <= 97.0, "{row:?}");
+    }
+}
+
 #[test]
 fn a_hard_iron_change_is_estimated_beside_gyro_errors() {
     for (case, bad_percent) in [("gyro-1-moved-5", 0.5), ("gyro-5-moved-5", 1.0), ("gyro-10-moved-5", 3.0)] {

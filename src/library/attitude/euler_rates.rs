@@ -93,7 +93,7 @@ pub(super) struct HeadingIntegral {
     /// Angle rates of the report; `None` without body rates.
     pub euler_rates: Option<EulerRates>,
     relative_heading_rad: f32,
-    run_number: u8,
+    pub run_number: u8,
     /// Heading in the source's own frame, if it reports it.
     frame_heading_rad: Option<f32>,
 }

@@ -84,12 +84,10 @@ impl AttitudeHistory {
         own_rates: Option<BodyRates>,
     ) -> Option<Timestamp> {
         if self.reports.newest().is_some_and(|last_report| last_report.report.sender != report.sender) {
-            // Clock offset and history are valid for one sender only.
-            *self = Self { rejected_reports: self.rejected_reports, ..Self::new(self.config) };
+            self.forget_sender(None);
         }
         if self.sender_clock.has_restarted(arrival, report.sender_clock_at_sending, &self.config) {
-            *self =
-                Self { rejected_reports: self.rejected_reports, restarted_at: Some(arrival), ..Self::new(self.config) };
+            self.forget_sender(Some(arrival));
         }
         let at = self.sender_clock.sending_time(arrival, report.sender_clock_at_sending, &self.config);
         // Drops reports out of order. A rebooted sender's are stamped by arrival, hence newer.
@@ -100,6 +98,16 @@ impl AttitudeHistory {
             self.reports.push_report(at, report, self.config.max_integrated_gap_us);
             at.plus_signed_us(-self.config.latency_us)
         })
+    }
+
+    /// Forgets all but the counts: clock offset and reports are valid for one run of one sender.
+    fn forget_sender(&mut self, restarted_at: Option<Timestamp>) {
+        *self = Self {
+            reports: self.reports.emptied(),
+            rejected_reports: self.rejected_reports,
+            restarted_at,
+            ..Self::new(self.config)
+        };
     }
 
     /// Tests a report against the ones before and against the field; drops rates that contradict the attitude.

@@ -26,6 +26,11 @@ impl<const N: usize> ReportQueue<N> {
         Self { reports: HistoryBuf::new(), number_before_runs, is_run_ended: false }
     }
 
+    /// An empty queue, whose next report starts a new run.
+    pub fn emptied(&self) -> Self {
+        Self::new(self.newest().map_or(self.number_before_runs, |newest| newest.heading_integral.run_number))
+    }
+
     pub fn newest(&self) -> Option<&TimedReport> {
         self.reports.recent()
     }

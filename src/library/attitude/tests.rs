@@ -265,13 +265,15 @@ fn plausibility_state_is_per_sender() {
 }
 
 #[test]
-fn integration_continues_over_a_short_gap() {
-    for (gap_us, is_continued) in [(500_000, true), (500_001, false)] {
+fn integration_continues_over_a_short_gap_of_one_sender() {
+    for (gap_us, sender, is_continued) in [(500_000, 0, true), (500_001, 0, false), (PERIOD_US, 7, false)] {
         let mut track = history_of_one_report(RollPitch::default(), [0.0, 0.0, 10.0]);
         let run_number = |track: &AttitudeHistory, us: u64| track.gyro_heading_at(timestamp(us)).unwrap().run_number;
         let first_run = run_number(&track, 1_000_000);
-        push_report(&mut track, 1_000_000 + gap_us, attitude_report(0, RollPitch::default(), [0.0, 0.0, 10.0]));
-        assert_eq!(run_number(&track, 1_000_000 + gap_us) == first_run, is_continued, "{gap_us} us");
+        let report = attitude_report(0, RollPitch::default(), [0.0, 0.0, 10.0]);
+        push_report(&mut track, 1_000_000 + gap_us, AttitudeReport { sender: SenderId::new(sender), ..report });
+        let is_same_run = run_number(&track, 1_000_000 + gap_us) == first_run;
+        assert_eq!(is_same_run, is_continued, "{gap_us} us, sender {sender}");
     }
 }
 

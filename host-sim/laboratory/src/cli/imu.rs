@@ -47,16 +47,18 @@ pub fn run_imu(options: &ImuOptions) -> Result<ExitCode, CommandFailure> {
             ("total,\ndeg", |(_, score)| format_optional(score.total_deg, 2)),
             ("heading,\ndeg", |(_, score)| format_optional(score.heading_deg, 2)),
             ("with\nheading, %", |(_, score)| format!("{:.0}", score.heading_percent)),
+            ("1/2\nsigma, %", |(_, score)| format_shares(score.heading_within_percent)),
             ("inclination,\ndeg", |(_, score)| format!("{:.2}", score.inclination_deg)),
-            ("1/2\nsigma, %", |(_, score)| {
-                let [one, two] = score.tilt_within_percent;
-                format!("{one:.0}/{two:.0}")
-            }),
+            ("1/2\nsigma, %", |(_, score)| format_shares(score.tilt_within_percent)),
         ],
     );
     print::print_line(table);
     print::print_line(format_args!("inclination: {mean_inclination_deg:.3} deg, mean of the trials"));
     Ok(ExitCode::SUCCESS)
+}
+
+fn format_shares([one, two]: [f64; 2]) -> String {
+    format!("{one:.0}/{two:.0}")
 }
 
 fn score_file(file: &PathBuf) -> Result<TrialScore, CommandFailure> {

@@ -29,6 +29,7 @@ mod mount_turn;
 mod parameters;
 
 use core::array;
+use core::f32::consts::TAU;
 use core::ops::Range;
 
 use nalgebra::Vector3;
@@ -69,9 +70,9 @@ use parameters::{
     ATTITUDE_ERROR_TIME_S, ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR,
     EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2,
     HARD_IRON_PROBABILITY, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
-    MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR,
-    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION,
-    MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
+    MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_HEADING_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE,
+    MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD,
+    MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
     MAX_SAMPLES_AWAITING_CURRENT, MAX_SENT_SIGMA_RAD, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S,
     MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR,
     POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS,
@@ -82,6 +83,9 @@ use parameters::{
 #[derive(Debug)]
 pub(super) struct Monitor {
     expected_sensor_errors: SensorErrorSigmas,
+    /// Whether the attitude is that of the module's own sensors: it has hardly any latency and no error in proportion to the bank, no
+    /// mount turns against it, and what changes the field leaves it as it is. Its gyro does not check it.
+    is_own_attitude: bool,
     filter: UdFilter<STATE_COUNT>,
     adaptive_noise: Option<AdaptiveNoise>,
     innovation_gate: InnovationGate,
@@ -125,10 +129,17 @@ const fn noise_schedule(step: usize) -> (usize, usize) {
 }
 
 impl Monitor {
+    /// A monitor of headings with an autopilot's attitude.
     pub fn new(expected_sensor_errors: SensorErrorSigmas) -> Self {
+        Self::with_attitude(expected_sensor_errors, false)
+    }
+
+    fn with_attitude(expected_sensor_errors: SensorErrorSigmas, is_own_attitude: bool) -> Self {
+        let initial_sigma = |i| state_noise(i, expected_sensor_errors, is_own_attitude).initial_sigma;
         Self {
             expected_sensor_errors,
-            filter: UdFilter::new(&array::from_fn(|i| state_noise(i, expected_sensor_errors).initial_sigma)),
+            is_own_attitude,
+            filter: UdFilter::new(&array::from_fn(initial_sigma)),
             adaptive_noise: None,
             innovation_gate: InnovationGate::NO_INNOVATIONS,
             is_strength_test_failed: false,
@@ -154,8 +165,7 @@ impl Monitor {
         &self.output
     }
 
-    /// Processes a sample whose last reading was at `at`. Against the attitude of the module's own sensors no mount can turn, and their
-    /// gyro does not check it.
+    /// Processes a sample whose last reading was at `at`. With the first one of the other source of attitude the monitor starts again.
     #[inline(never)]
     pub fn process_sample(
         &mut self,
@@ -164,6 +174,9 @@ impl Monitor {
         AveragedSample { sample, corrected, latest_rates }: &AveragedSample,
         is_own_attitude: bool,
     ) {
+        if is_own_attitude != self.is_own_attitude {
+            self.reset_states(is_own_attitude);
+        }
         let calibration = monitored.calibration;
         let mean_field = || calibration.corrected_body_field(sample);
         let field = corrected.map_or_else(mean_field, |corrected| corrected.field).ut / calibration.total_ut;
@@ -205,7 +218,7 @@ impl Monitor {
         self.filter.set_mean(GYRO_HEADING_OFFSET_INDEX, wrap_pi(offset_rad));
         if !self.filter.is_finite() {
             // A state that is not finite is unexpected; the reset keeps NaN out of all later results.
-            self.reset_states();
+            self.reset_states(is_own_attitude);
             return;
         }
         self.update_output(monitored, &monitor_sample, &heading_jacobian, step_s);
@@ -224,8 +237,8 @@ impl Monitor {
 
     /// Resets the monitor. Not inlined, because a whole monitor is on the stack.
     #[inline(never)]
-    fn reset_states(&mut self) {
-        *self = Self::new(self.expected_sensor_errors);
+    fn reset_states(&mut self, is_own_attitude: bool) {
+        *self = Self::with_attitude(self.expected_sensor_errors, is_own_attitude);
     }
 
     /// Time update of all states, with the process noise of the gyro heading by the attitude's errors.
@@ -234,8 +247,11 @@ impl Monitor {
         let (i, samples) = noise_schedule(self.noise_schedule_step);
         self.noise_schedule_step = (self.noise_schedule_step + 1) % NOISE_SCHEDULE_STEPS;
         let is_unsettled = self.post_change_remaining_s > 0.0 && HARD_IRON_INDICES.contains(&i);
-        let noise =
-            if is_unsettled { POST_CHANGE_HARD_IRON_NOISE } else { state_noise(i, self.expected_sensor_errors) };
+        let noise = if is_unsettled {
+            POST_CHANGE_HARD_IRON_NOISE
+        } else {
+            state_noise(i, self.expected_sensor_errors, self.is_own_attitude)
+        };
         let is_gyro_heading = i == GYRO_HEADING_OFFSET_INDEX;
         if is_gyro_heading || self.filter.state_variance(i) < square(noise.initial_sigma) {
             let by_tilt = if is_gyro_heading { heading_noise_by_tilt } else { 0.0 };
@@ -260,15 +276,24 @@ impl Monitor {
         ATTITUDE_ERROR_TIME_S * noise.tilt_variance_rad2 * rows.heading_by_tilt_squared
     }
 
-    /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step.
+    /// Time update of the gyro heading's offset, with the mean of the gyro's rows at both ends of the step. In a gap between samples it
+    /// may have turned by a circle, with its scale error.
     fn propagate_gyro_heading_offset(&mut self, gyro_error_row: Option<GyroErrors>, step_s: f32) {
         let last = core::mem::replace(&mut self.last_gyro_error_row, gyro_error_row);
-        let Some((now, last)) = gyro_error_row.zip(last).filter(|_| step_s <= MAX_SAMPLE_GAP_S) else { return };
+        let Some((now, last)) = gyro_error_row.zip(last).filter(|_| step_s <= MAX_GYRO_HEADING_GAP_S) else { return };
+        let is_gap = step_s > MAX_SAMPLE_GAP_S;
         let mut row = [0.0; STATE_COUNT];
         for i in 0..GYRO_ERROR_COUNT {
-            row[FIRST_GYRO_ERROR_INDEX + i] = -0.5 * step_s * (now[i] + last[i]);
+            let state = FIRST_GYRO_ERROR_INDEX + i;
+            if !is_gap || GYRO_RATE_OFFSET_INDICES.contains(&state) {
+                row[state] = -0.5 * step_s * (now[i] + last[i]);
+            }
         }
         self.filter.propagate(GYRO_HEADING_OFFSET_INDEX, &row);
+        if is_gap {
+            let turn_error_rad = TAU * self.expected_sensor_errors.gyro_scale;
+            self.filter.inflate_variance(GYRO_HEADING_OFFSET_INDEX, square(turn_error_rad));
+        }
     }
 
     fn decay_states(&mut self, states: Range<usize>, decay: f32) {
@@ -285,9 +310,9 @@ impl Monitor {
         gyro_heading: Option<GyroHeading>,
         step_s: f32,
     ) {
-        if let Some(gyro_heading) = gyro_heading
-            .filter(|gyro_heading| self.gyro_run_number != Some(gyro_heading.run_number) || step_s > MAX_SAMPLE_GAP_S)
-        {
+        if let Some(gyro_heading) = gyro_heading.filter(|gyro_heading| {
+            self.gyro_run_number != Some(gyro_heading.run_number) || step_s > MAX_GYRO_HEADING_GAP_S
+        }) {
             let (measured, _) = measurement_model::body_field(sample, self.filter.mean());
             let attitude =
                 measurement_model::correct_attitude(sample.attitude, &sample.euler_rates, self.filter.mean());
@@ -527,14 +552,16 @@ impl Monitor {
         self.inflate_states(&HARD_IRON_INDICES, hard_iron_sigma * hard_iron_sigma);
         let earth_field_sigma = EARTH_FIELD_SHARE_OF_CHANGE * field;
         self.inflate_states(&[STRENGTH_CHANGE_INDEX, INCLINATION_CHANGE_INDEX], earth_field_sigma * earth_field_sigma);
-        // A heading error is `tan(inclination)` times the tilt.
-        let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
-        let tilt_rad = ATTITUDE_SHARE_OF_CHANGE * inclination.max(across / sin_inclination).min(MAX_INFLATING_TILT_RAD);
-        self.inflate_states(&[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX], tilt_rad * tilt_rad);
-        if !is_level(roll_rad) {
-            let bank_scale_error = tilt_rad / roll_rad;
-            self.filter.inflate_variance(BANK_SCALE_ERROR_INDEX, bank_scale_error * bank_scale_error);
-            self.inflate_mount_turn(inclination.max(heading));
+        if !self.is_own_attitude {
+            // A heading error is `tan(inclination)` times the tilt.
+            let sin_inclination = (model.tan_inclination * cos_inclination).abs().max(MIN_SIN_INCLINATION);
+            let by_tilt = inclination.max(across / sin_inclination).min(MAX_INFLATING_TILT_RAD);
+            let tilt_rad = ATTITUDE_SHARE_OF_CHANGE * by_tilt;
+            self.inflate_states(&[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX], tilt_rad * tilt_rad);
+            if !is_level(roll_rad) {
+                self.filter.inflate_variance(BANK_SCALE_ERROR_INDEX, square(tilt_rad / roll_rad));
+                self.inflate_mount_turn(inclination.max(heading));
+            }
         }
         self.is_strength_test_failed |= strength > 0.0;
         self.post_change_remaining_s = POST_CHANGE_S;

@@ -32,8 +32,11 @@ pub(super) const GYRO_OFFSET_SIGMA_RAD_S: f32 = 0.0026;
 
 /// Initial sigma and process noise of state `state_index` of the monitor's filter, with the symbols of
 /// [`measurement_model`](super::measurement_model).
-pub(super) fn state_noise(state_index: usize, errors: SensorErrorSigmas) -> StateNoise {
+pub(super) fn state_noise(state_index: usize, errors: SensorErrorSigmas, is_own_attitude: bool) -> StateNoise {
     match state_index {
+        BANK_SCALE_ERROR_INDEX if is_own_attitude => random_walk_noise(0.0, 0.0),
+        // The delays of the filters of two sensors on one board differ by milliseconds, always the same.
+        ATTITUDE_LATENCY_INDEX if is_own_attitude => random_walk_noise(0.002, 1e-9),
         // Hard-iron change beta: coefficient errors are as large as a minute's drift.
         HARD_IRON_CHANGE_INDEX..MOUNT_TURN_INDEX => random_walk_noise(
             errors.hard_iron_drift_per_minute,
@@ -86,8 +89,11 @@ pub(super) const MAX_DECAYING_HARD_IRON: f32 = 0.03;
 /// Time constant of the decay of states that a flight does not observe, seconds.
 pub(super) const UNOBSERVED_DECAY_TIME_S: f32 = 1000.0;
 
-/// Longest interval over which the gyro heading offset is kept, seconds.
+/// Longest interval between samples, seconds; a longer one is a gap.
 pub(in crate::instrument) const MAX_SAMPLE_GAP_S: f32 = 3.0;
+
+/// Longest gap over which the gyro heading's offset is kept, seconds: an offset of 0.15 deg/s turns it by 9 deg.
+pub(super) const MAX_GYRO_HEADING_GAP_S: f32 = 60.0;
 
 /// Longest interval between two samples over which rates are integrated, seconds: three usual ones. In a longer one they may
 /// be those of another movement.

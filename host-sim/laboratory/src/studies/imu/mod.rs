@@ -6,6 +6,7 @@ mod trial;
 use autoswing::attitude::AttitudeSource;
 use autoswing::calibration::{Calibration, HeadingUncertainty, Orientation};
 use autoswing::frames::{Field, Sensor};
+use autoswing::heading::Heading;
 use autoswing::inertial::{AttitudeFilter, InertialAttitude, InertialSensorErrors, SensorOffsets};
 use autoswing::instrument::{Correction, Instrument, InstrumentConfig};
 use autoswing::reading::Reading;
@@ -45,13 +46,14 @@ pub fn score_trial(rows: &[TrialRow]) -> Option<TrialScore> {
         if !compass.is_reading_due(at) {
             continue;
         }
-        let heading_rad = compass.process_reading(at, field_row.field, &attitude);
+        let heading = compass.process_reading(at, field_row.field, &attitude);
         if let Some(truth) = row.truth.filter(|_| row.is_scored) {
             let roll_pitch = attitude.attitude;
-            let [roll, pitch, yaw] = [roll_pitch.roll_rad, roll_pitch.pitch_rad, heading_rad.unwrap_or(0.0)];
+            let yaw = heading.map_or(0.0, |heading| heading.magnetic_rad);
+            let [roll, pitch] = [roll_pitch.roll_rad, roll_pitch.pitch_rad];
             let estimate = UnitQuaternion::from_euler_angles(roll.into(), pitch.into(), yaw.into());
             let sigmas_rad = [0, 1].map(|axis| f64::from(attitude.tilt_covariance[(axis, axis)]).sqrt());
-            errors.add_row(&estimate, &truth, heading_rad.is_some(), sigmas_rad);
+            errors.add_row(&estimate, &truth, heading.map(|heading| heading.sigma_rad.into()), sigmas_rad);
         }
     }
     errors.score()
@@ -81,7 +83,7 @@ impl TrialCompass {
     }
 
     /// Heading of a reading with the attitude of its instant, if the instrument sends one.
-    fn process_reading(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) -> Option<f32> {
+    fn process_reading(&mut self, at: Timestamp, field: Field<Sensor>, attitude: &InertialAttitude) -> Option<Heading> {
         if !self.is_calibrated {
             self.calibrate_at_rest(at, field, attitude);
         }
@@ -91,7 +93,7 @@ impl TrialCompass {
         let estimate = self.instrument.on_reading(at, reading);
         while self.instrument.next_sample().is_some() {}
         self.instrument.update_monitor();
-        estimate.smoothed_heading.or(estimate.heading.ok()).map(|heading| heading.magnetic_rad)
+        estimate.smoothed_heading.or(estimate.heading.ok())
     }
 
     /// Sets the identity as calibration, with inclination and strength of the field at rest.

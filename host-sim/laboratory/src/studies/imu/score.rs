@@ -18,6 +18,8 @@ pub struct TrialScore {
     pub heading_deg: Option<f64>,
     /// Scored rows with a heading.
     pub heading_percent: f64,
+    /// These heading errors within one and two sigmas.
+    pub heading_within_percent: [f64; 2],
     /// RMS of the inclination error.
     pub inclination_deg: f64,
     /// Tilt errors about each horizontal axis within one and two sigmas.
@@ -29,26 +31,32 @@ pub struct TrialScore {
 pub struct TrialErrors {
     inclinations_rad: Vec<f64>,
     normalised_tilts: Vec<f64>,
-    /// Signed heading error and inclination, rad.
-    headings_rad: Vec<(f64, f64)>,
+    headings: Vec<HeadingError>,
+}
+
+/// Error of a row with a heading.
+#[derive(Clone, Copy, Debug)]
+struct HeadingError {
+    error_rad: f64,
+    sigma_rad: f64,
+    inclination_rad: f64,
 }
 
 impl TrialErrors {
-    /// Adds a row: estimated and true rotation (of an estimate without a heading, any), whether it has a heading, and
-    /// the sigmas of the tilt about the level frame's axes, rad.
+    /// Adds a row: estimated rotation, with any yaw if it has no heading, and true one, the heading's sigma, rad, and the sigmas of
+    /// the tilt about the level frame's axes, rad.
     pub fn add_row(
         &mut self,
         estimate: &UnitQuaternion<f64>,
         truth: &UnitQuaternion<f64>,
-        has_heading: bool,
+        heading_sigma_rad: Option<f64>,
         tilt_sigmas_rad: [f64; 2],
     ) {
         let error = estimate * truth.inverse();
         let inclination_rad = 2.0 * libm::acos(libm::sqrt(square(error.w) + square(error.k)).min(1.0));
         self.inclinations_rad.push(inclination_rad);
-        if has_heading {
-            self.headings_rad.push((2.0 * libm::atan2(error.k * error.w.signum(), error.w.abs()), inclination_rad));
-        }
+        let error_rad = 2.0 * libm::atan2(error.k * error.w.signum(), error.w.abs());
+        self.headings.extend(heading_sigma_rad.map(|sigma_rad| HeadingError { error_rad, sigma_rad, inclination_rad }));
         // True vertical in the estimate's reference frame, turned to its level frame.
         let down = error * Vector3::z();
         let nose = estimate * Vector3::x();
@@ -60,21 +68,25 @@ impl TrialErrors {
     /// Score of the rows; `None` without any.
     #[must_use]
     pub fn score(&self) -> Option<TrialScore> {
-        let headings = || self.headings_rad.iter().map(|(error_rad, _)| *error_rad);
-        let mean_rad = libm::atan2(headings().map(libm::sin).sum(), headings().map(libm::cos).sum());
-        let demeaned: Vec<(f64, f64)> = self
-            .headings_rad
-            .iter()
-            .map(|(error_rad, inclination_rad)| (wrapped_rad(error_rad - mean_rad), *inclination_rad))
-            .collect();
+        let errors_rad = || self.headings.iter().map(|heading| heading.error_rad);
+        let mean_rad = libm::atan2(errors_rad().map(libm::sin).sum(), errors_rad().map(libm::cos).sum());
+        let demeaned = || {
+            let without_mean = |heading: &HeadingError| HeadingError {
+                error_rad: wrapped_rad(heading.error_rad - mean_rad),
+                ..*heading
+            };
+            self.headings.iter().map(without_mean)
+        };
         // The rotations of heading and of inclination are about perpendicular axes: their half cosines multiply.
-        let total = demeaned
-            .iter()
-            .map(|(heading, inclination)| 2.0 * libm::acos(libm::cos(heading / 2.0) * libm::cos(inclination / 2.0)));
+        let total = demeaned().map(|HeadingError { error_rad, inclination_rad, .. }| {
+            2.0 * libm::acos(libm::cos(error_rad / 2.0) * libm::cos(inclination_rad / 2.0))
+        });
+        let normalised: Vec<f64> = demeaned().map(|heading| heading.error_rad / heading.sigma_rad).collect();
         Some(TrialScore {
             total_deg: rms_deg(total),
-            heading_deg: rms_deg(demeaned.iter().map(|(heading_rad, _)| *heading_rad)),
-            heading_percent: 100.0 * self.headings_rad.len() as f64 / self.inclinations_rad.len().max(1) as f64,
+            heading_deg: rms_deg(demeaned().map(|heading| heading.error_rad)),
+            heading_percent: 100.0 * self.headings.len() as f64 / self.inclinations_rad.len().max(1) as f64,
+            heading_within_percent: within_percent(&normalised),
             inclination_deg: rms_deg(self.inclinations_rad.iter().copied())?,
             tilt_within_percent: within_percent(&self.normalised_tilts),
         })
@@ -112,8 +124,9 @@ mod tests {
             "{score:?}"
         );
         assert!((score.total_deg.unwrap() - 13_f64.sqrt()).abs() < 2e-3, "{score:?}");
-        // No error about x, and one of 1.5 sigmas about y.
+        // No error about x, and one of 1.5 sigmas about y; headings of 1.3 sigmas.
         assert_eq!((score.tilt_within_percent, score.heading_percent), ([50.0, 100.0], 100.0));
+        assert_eq!(score.heading_within_percent, [0.0, 100.0]);
         assert_eq!(TrialErrors::default().score(), None);
     }
 }

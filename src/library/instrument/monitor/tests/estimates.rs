@@ -81,6 +81,29 @@ fn pitch_rates_check_the_attitude_of_an_autopilot_alone() {
     assert!(by_autopilot > 0.1 && by_own.abs() < 0.01, "{by_autopilot} {by_own}");
 }
 
+/// A field that changes in a turn, or that is not that of the attitude's time, may show errors of an autopilot's roll and delays of its
+/// link, not of the own attitude.
+#[test]
+fn the_field_does_not_correct_the_own_attitude() {
+    let iron = SimulatedErrors { hard_iron_ut: [3.0, -2.0, 4.0], ..SimulatedErrors::default() };
+    let late = SimulatedErrors { latency_s: 0.1, ..SimulatedErrors::default() };
+    // The turn begins after a minute.
+    for (name, begin_s, errors, states) in [
+        ("iron", 75, iron, &[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX, BANK_SCALE_ERROR_INDEX][..]),
+        ("late", 55, late, &[ATTITUDE_LATENCY_INDEX]),
+    ] {
+        let [by_autopilot, by_own] = [false, true].map(|is_own_attitude| {
+            let mut flight = Flight { is_own_attitude, ..Flight::new(2) };
+            flight.fly_seconds(begin_s);
+            flight.errors = errors;
+            flight.fly_seconds(80 - begin_s);
+            let estimates = &flight.monitor.monitor_output().states;
+            states.iter().map(|&i| estimates[i].abs()).fold(0.0, f32::max)
+        });
+        assert!(by_autopilot > 0.01 && by_own < 0.1 * by_autopilot, "{name}: {by_autopilot} {by_own}");
+    }
+}
+
 /// A change of place, as after an hour of flight, is not estimated as hard iron.
 #[test]
 fn a_change_of_place_is_estimated() {
