@@ -31,15 +31,15 @@ pub struct TrialScore {
 pub struct TrialErrors {
     inclinations_rad: Vec<f64>,
     normalised_tilts: Vec<f64>,
-    headings: Vec<HeadingError>,
+    headings: Vec<HeadingRow>,
 }
 
-/// Error of a row with a heading.
+/// A row with a heading: its error, that error's sigma, and the inclination's error, radians.
 #[derive(Clone, Copy, Debug)]
-struct HeadingError {
-    error_rad: f64,
-    sigma_rad: f64,
-    inclination_rad: f64,
+struct HeadingRow {
+    error: f64,
+    sigma: f64,
+    inclination: f64,
 }
 
 impl TrialErrors {
@@ -55,8 +55,9 @@ impl TrialErrors {
         let error = estimate * truth.inverse();
         let inclination_rad = 2.0 * libm::acos(libm::sqrt(square(error.w) + square(error.k)).min(1.0));
         self.inclinations_rad.push(inclination_rad);
-        let error_rad = 2.0 * libm::atan2(error.k * error.w.signum(), error.w.abs());
-        self.headings.extend(heading_sigma_rad.map(|sigma_rad| HeadingError { error_rad, sigma_rad, inclination_rad }));
+        let heading_rad = 2.0 * libm::atan2(error.k * error.w.signum(), error.w.abs());
+        let row = |sigma| HeadingRow { error: heading_rad, sigma, inclination: inclination_rad };
+        self.headings.extend(heading_sigma_rad.map(row));
         // True vertical in the estimate's reference frame, turned to its level frame.
         let down = error * Vector3::z();
         let nose = estimate * Vector3::x();
@@ -68,23 +69,17 @@ impl TrialErrors {
     /// Score of the rows; `None` without any.
     #[must_use]
     pub fn score(&self) -> Option<TrialScore> {
-        let errors_rad = || self.headings.iter().map(|heading| heading.error_rad);
+        let errors_rad = || self.headings.iter().map(|row| row.error);
         let mean_rad = libm::atan2(errors_rad().map(libm::sin).sum(), errors_rad().map(libm::cos).sum());
-        let demeaned = || {
-            let without_mean = |heading: &HeadingError| HeadingError {
-                error_rad: wrapped_rad(heading.error_rad - mean_rad),
-                ..*heading
-            };
-            self.headings.iter().map(without_mean)
-        };
+        let demeaned =
+            || self.headings.iter().map(|row| HeadingRow { error: wrapped_rad(row.error - mean_rad), ..*row });
         // The rotations of heading and of inclination are about perpendicular axes: their half cosines multiply.
-        let total = demeaned().map(|HeadingError { error_rad, inclination_rad, .. }| {
-            2.0 * libm::acos(libm::cos(error_rad / 2.0) * libm::cos(inclination_rad / 2.0))
-        });
-        let normalised: Vec<f64> = demeaned().map(|heading| heading.error_rad / heading.sigma_rad).collect();
+        let total =
+            demeaned().map(|row| 2.0 * libm::acos(libm::cos(row.error / 2.0) * libm::cos(row.inclination / 2.0)));
+        let normalised: Vec<f64> = demeaned().map(|row| row.error / row.sigma).collect();
         Some(TrialScore {
             total_deg: rms_deg(total),
-            heading_deg: rms_deg(demeaned().map(|heading| heading.error_rad)),
+            heading_deg: rms_deg(demeaned().map(|row| row.error)),
             heading_percent: 100.0 * self.headings.len() as f64 / self.inclinations_rad.len().max(1) as f64,
             heading_within_percent: within_percent(&normalised),
             inclination_deg: rms_deg(self.inclinations_rad.iter().copied())?,
@@ -116,7 +111,8 @@ mod tests {
             let truth = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7);
             let tilt = UnitQuaternion::from_euler_angles(0.0, tilt_deg.to_radians(), 0.0);
             let yaw = UnitQuaternion::from_euler_angles(0.0, 0.0, heading_deg.to_radians());
-            errors.add_row(&(yaw * truth * tilt), &truth, true, [0.1_f64.to_radians(), 2.0_f64.to_radians()]);
+            let [heading_sigma, across, along] = [1.5, 0.1, 2.0].map(f64::to_radians);
+            errors.add_row(&(yaw * truth * tilt), &truth, Some(heading_sigma), [across, along]);
         }
         let score = errors.score().unwrap();
         assert!(
@@ -125,8 +121,8 @@ mod tests {
         );
         assert!((score.total_deg.unwrap() - 13_f64.sqrt()).abs() < 2e-3, "{score:?}");
         // No error about x, and one of 1.5 sigmas about y; headings of 1.3 sigmas.
-        assert_eq!((score.tilt_within_percent, score.heading_percent), ([50.0, 100.0], 100.0));
-        assert_eq!(score.heading_within_percent, [0.0, 100.0]);
+        let within_percent = (score.tilt_within_percent, score.heading_within_percent);
+        assert_eq!((within_percent, score.heading_percent), (([50.0, 100.0], [0.0, 100.0]), 100.0));
         assert_eq!(TrialErrors::default().score(), None);
     }
 }
