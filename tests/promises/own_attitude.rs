@@ -147,6 +147,28 @@ fn status_shows_that_the_own_attitude_is_not_accurate_yet() {
     }
 }
 
+/// What was lost before the own attitude was accurate is no longer told, although it is most of the collection: a round of gestures.
+#[test]
+fn status_tells_recently_lost_readings() {
+    let world = WorldConfig { attitude: AttitudeSource::Own, ..WorldConfig::random_world(1) };
+    let mut rig = Rig::new(world.with_vehicle_kind(VehicleKind::Hand));
+    run_for_s(&mut rig, 5.0);
+    rig.send_console_line("set attitude own");
+    rig.send_console_line("cal start turns");
+    let gestures = CalibrationRoutine::for_vehicle(VehicleKind::Hand, TurnPlan::default(), 0.0).legs();
+    let is_lost: Vec<bool> = gestures
+        .into_iter()
+        .map(|leg| {
+            rig.world.append_leg(leg);
+            run_until_legs_end(&mut rig);
+            let status = rig.send_console_line("status");
+            assert!(status.contains("collecting: turns"), "{status}");
+            status.contains("lost readings")
+        })
+        .collect();
+    assert!(is_lost[0] && is_lost.contains(&false), "{is_lost:?}");
+}
+
 /// A board without the chip, as the DroneCAN board, refuses to use it, and keeps its autopilot.
 #[test]
 fn a_board_without_the_chip_refuses_its_attitude() {

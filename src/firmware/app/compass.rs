@@ -21,6 +21,7 @@ use autoswing::attitude::HAS_OWN_ATTITUDE;
 use autoswing::collection::RetainedSamples;
 use autoswing::earth::{Date, Position};
 use autoswing::instrument::readings_per_sample;
+use autoswing::time::Timestamp;
 use autoswing_module::compass::{Command, Compass, Effect, Event, Reply};
 use autoswing_module::messages::Message;
 use autoswing_module::messages::SampleLoss;
@@ -61,7 +62,7 @@ pub async fn run_compass<F: NorFlash>(
 /// no room for it, and copied.
 async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>, compass: &mut Compass<'_>) -> ! {
     let mut events = CompassEvents::new(links);
-    let mut counts_at_start = EventCounts::default();
+    let mut loss_counts = LossCounts::default();
     publish_state(links, compass, None);
     if HAS_OWN_ATTITUDE {
         links.sensor_offsets.sender().send(compass.sensor_offsets());
@@ -88,7 +89,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
         }
         let mut effect = compass.process_event(event);
         if is_cal_start(event) && matches!(effect, Effect::Reply(Ok(_))) {
-            counts_at_start = links.event_counts();
+            loss_counts = LossCounts::started_with(links.event_counts());
         }
         if let Effect::None = effect {
             effect = compass.process_event(Event::ProtocolsDetected(links.port_protocols(), now().wrapping_millis()));
@@ -105,7 +106,10 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
             effect = compass.process_event(Event::Saved(result));
         }
         let attitude_source = compass.stored_settings().attitude_source;
-        add_sample_loss(&mut effect, main_sample_loss(&counts_at_start, &links.event_counts(), attitude_source));
+        let counts = links.event_counts();
+        loss_counts.renew(now(), counts);
+        let loss_since = |before| main_sample_loss(before, &counts, attitude_source);
+        add_sample_loss(&mut effect, loss_since(&loss_counts.at_start), loss_since(&loss_counts.recent[0]));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
         // The state is published before the reply, so that the reader of the reply finds the state that it names.
         publish_state(links, compass, message);
@@ -126,16 +130,40 @@ const fn is_cal_start(event: Event) -> bool {
     matches!(event, Event::Command(Command::CalStart(_) | Command::CalStartNew(_), _))
 }
 
-/// Adds lost readings since the start of the collection to a report, and to a refusal that they can have caused.
-fn add_sample_loss(effect: &mut Effect, loss: Option<SampleLoss>) {
-    match effect {
-        Effect::Reply(Err(refusal)) => *refusal = refusal.clone().with_cause(loss),
-        Effect::Reply(Ok(Reply::Report(report))) => {
-            report.sample_loss = loss;
-            report.last_collection_outcome =
-                report.last_collection_outcome.take().map(|outcome| outcome.with_cause(loss));
+/// Counts since which lost readings are reported.
+#[derive(Default)]
+struct LossCounts {
+    at_start: EventCounts,
+    /// One to two [`RECENT_US`] ago, and up to one.
+    recent: [EventCounts; 2],
+    renewed_at: Timestamp,
+}
+
+/// A status tells what has been lost for one to two times as long, microseconds.
+const RECENT_US: u64 = 5_000_000;
+
+impl LossCounts {
+    fn started_with(counts: EventCounts) -> Self {
+        Self { at_start: counts, recent: [counts; 2], renewed_at: now() }
+    }
+
+    fn renew(&mut self, at: Timestamp, counts: EventCounts) {
+        if at.us_since(self.renewed_at) >= RECENT_US {
+            (self.recent, self.renewed_at) = ([self.recent[1], counts], at);
         }
-        Effect::Notify(message) => *message = message.clone().with_cause(loss),
+    }
+}
+
+/// Adds recently lost readings to a report, and those since the start of the collection to a refusal that they can have caused.
+fn add_sample_loss(effect: &mut Effect, since_start: Option<SampleLoss>, recent: Option<SampleLoss>) {
+    match effect {
+        Effect::Reply(Err(refusal)) => *refusal = refusal.clone().with_cause(since_start),
+        Effect::Reply(Ok(Reply::Report(report))) => {
+            report.sample_loss = recent;
+            report.last_collection_outcome =
+                report.last_collection_outcome.take().map(|outcome| outcome.with_cause(since_start));
+        }
+        Effect::Notify(message) => *message = message.clone().with_cause(since_start),
         Effect::Reply(Ok(_)) | Effect::None | Effect::Save => {}
     }
 }
