@@ -204,9 +204,10 @@ impl Monitor {
         self.predict_state(by_tilt, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
+        let last_hard_iron = measurement_model::hard_iron_change(self.filter.mean());
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
-        self.inflate_by_drift(monitor_sample.attitude.roll_rad, &heading_jacobian, step_s);
+        self.inflate_by_drift(&last_hard_iron, monitor_sample.attitude.roll_rad, &heading_jacobian, step_s);
         let [_, z] = GYRO_RATE_OFFSET_INDICES;
         let gyro_offset =
             GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
@@ -478,11 +479,23 @@ impl Monitor {
     }
 
     /// Inflates all axes of hard iron by a drift of the field: unobserved axes may have drifted as much as observed
-    /// ones. Hard iron across the horizontal field does not count: an error of the gyro's offset moves it as well, and
-    /// the inflation would free it to go on. In a bank, which makes it observable, the mount's turn is inflated as well.
-    fn inflate_by_drift(&mut self, roll_rad: f32, heading_jacobian: &StateVector, step_s: f32) {
+    /// ones. Hard iron across the horizontal field, now or when it changed, does not count: an error of the gyro's offset
+    /// moves it as well, as does a turn with a field that is stuck, and the inflation would free it to go on. In a bank,
+    /// which makes it observable, the mount's turn is inflated as well.
+    fn inflate_by_drift(
+        &mut self,
+        last_hard_iron: &Vector3<f32>,
+        roll_rad: f32,
+        heading_jacobian: &StateVector,
+        step_s: f32,
+    ) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
+        let across = measurement_model::hard_iron_change(heading_jacobian).unit_vector();
+        let changed_across = across.dot(&(measurement_model::hard_iron_change(states) - last_hard_iron));
+        for (past, across) in self.past_drifting_states.iter_mut().zip(&across) {
+            *past += changed_across * across;
+        }
         if self.post_change_remaining_s > 0.0 {
             self.past_drifting_states = now;
         }
@@ -492,8 +505,8 @@ impl Monitor {
             *drift = now - *past;
         }
         let [x, y, z, ..] = drift;
-        let across = measurement_model::hard_iron_change(heading_jacobian).unit_vector().dot(&Vector3::new(x, y, z));
-        let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(across);
+        let drift_across = across.dot(&Vector3::new(x, y, z));
+        let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(drift_across);
         if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
