@@ -75,7 +75,7 @@ pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude, SensorErrorSigmas};
 pub use estimate::{Estimate, RejectionCounts};
 pub use monitor::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
-use monitor::{Monitor, MonitorOutput, MonitoredCalibration};
+use monitor::{MAX_SENT_SIGMA_RAD, Monitor, MonitorOutput, MonitoredCalibration};
 use sensor_check::{ReadingFault, SensorCheck};
 use smoother::HeadingSmoother;
 pub use turn_request::TurnRequest;
@@ -268,7 +268,8 @@ impl Instrument {
         let monitored_heading = self.monitored_heading(gyro_heading.as_ref());
         let smoothed_heading =
             self.smoother.smooth_heading(at, heading.as_ref().ok(), gyro_heading.as_ref(), monitored_heading);
-        let heading = heading.map(|heading| heading.with_added_variance(self.smoother.disagreement_variance_rad2()));
+        let heading = heading.and_then(|heading| self.with_disagreement(heading));
+        let smoothed_heading = smoothed_heading.filter(|_| heading.is_ok());
         let compass_field = self.compass_field.output_field(at, &self.active_calibration, field, corrected);
         Estimate {
             timestamp: at,
@@ -281,6 +282,16 @@ impl Instrument {
             euler_rates: gyro_heading.map(|gyro_heading| gyro_heading.euler_rates),
             installation_change: self.installation_change(),
             current_a,
+        }
+    }
+
+    /// The heading with the variance of its disagreement with the monitor's, unless that is beyond any usable heading.
+    fn with_disagreement(&self, heading: Heading) -> Result<Heading, NoHeading> {
+        let variance_rad2 = self.smoother.disagreement_variance_rad2();
+        if variance_rad2 <= square(MAX_SENT_SIGMA_RAD) || self.config.heading.accepts_any_field() {
+            Ok(heading.with_added_variance(variance_rad2))
+        } else {
+            Err(NoHeading::FieldDisturbed)
         }
     }
 

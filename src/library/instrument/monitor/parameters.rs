@@ -144,7 +144,7 @@ pub(super) const MIN_SIN_INCLINATION: f32 = 0.3;
 pub(super) const MAX_HEADING_SIGMA_RAD: f32 = 0.14;
 
 /// Largest heading sigma that is sent, radians: 11 deg. It is inflated after a change.
-pub(super) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
+pub(in crate::instrument) const MAX_SENT_SIGMA_RAD: f32 = 0.2;
 
 /// Largest change of hard iron, relative to the field strength: beyond it, the sensor's range and the linear model end.
 pub(super) const MAX_HARD_IRON_CHANGE: f32 = 0.6;
