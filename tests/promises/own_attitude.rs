@@ -147,7 +147,8 @@ fn status_shows_that_the_own_attitude_is_not_accurate_yet() {
     }
 }
 
-/// What was lost before the own attitude was accurate is no longer told, although it is most of the collection: a round of gestures.
+/// During the first round of gestures the own attitude becomes accurate. `status` then shows no lost readings, although most readings
+/// of the collection were lost.
 #[test]
 fn status_tells_recently_lost_readings() {
     let world = WorldConfig { attitude: AttitudeSource::Own, ..WorldConfig::random_world(1) };

@@ -69,6 +69,7 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
     }
     loop {
         increment_counter(&links.heartbeats.compass);
+        loss_counts.renew(links);
         let (event, source) = if compass.needs_solve_step() {
             // The console runs between two steps of a solve.
             yield_now().await;
@@ -107,7 +108,6 @@ async fn run_state_machine<F: NorFlash>(links: &TaskLinks, store: &mut Store<F>,
         }
         let attitude_source = compass.stored_settings().attitude_source;
         let counts = links.event_counts();
-        loss_counts.renew(now(), counts);
         let loss_since = |before| main_sample_loss(before, &counts, attitude_source);
         add_sample_loss(&mut effect, loss_since(&loss_counts.at_start), loss_since(&loss_counts.recent[0]));
         let message = if let Effect::Notify(message) = &effect { Some(message) } else { None };
@@ -130,26 +130,27 @@ const fn is_cal_start(event: Event) -> bool {
     matches!(event, Event::Command(Command::CalStart(_) | Command::CalStartNew(_), _))
 }
 
-/// Counts since which lost readings are reported.
+/// Earlier event counts, from which lost readings are counted.
 #[derive(Default)]
 struct LossCounts {
     at_start: EventCounts,
-    /// One to two [`RECENT_US`] ago, and up to one.
+    /// Counts of two successive renewals.
     recent: [EventCounts; 2],
     renewed_at: Timestamp,
 }
 
-/// A status tells what has been lost for one to two times as long, microseconds.
-const RECENT_US: u64 = 5_000_000;
+/// Interval between two renewals of the recent counts, microseconds: `status` counts readings of the last 5 to 10 s.
+const RENEWAL_INTERVAL_US: u64 = 5_000_000;
 
 impl LossCounts {
     fn started_with(counts: EventCounts) -> Self {
         Self { at_start: counts, recent: [counts; 2], renewed_at: now() }
     }
 
-    fn renew(&mut self, at: Timestamp, counts: EventCounts) {
-        if at.us_since(self.renewed_at) >= RECENT_US {
-            (self.recent, self.renewed_at) = ([self.recent[1], counts], at);
+    fn renew(&mut self, links: &TaskLinks) {
+        let at = now();
+        if at.us_since(self.renewed_at) >= RENEWAL_INTERVAL_US {
+            (self.recent, self.renewed_at) = ([self.recent[1], links.event_counts()], at);
         }
     }
 }

@@ -71,15 +71,15 @@ impl TrialErrors {
     pub fn score(&self) -> Option<TrialScore> {
         let errors_rad = || self.headings.iter().map(|row| row.error);
         let mean_rad = libm::atan2(errors_rad().map(libm::sin).sum(), errors_rad().map(libm::cos).sum());
-        let demeaned =
-            || self.headings.iter().map(|row| HeadingRow { error: wrapped_rad(row.error - mean_rad), ..*row });
+        let without_mean = |row: &HeadingRow| HeadingRow { error: wrapped_rad(row.error - mean_rad), ..*row };
+        let demeaned: Vec<HeadingRow> = self.headings.iter().map(without_mean).collect();
         // The rotations of heading and of inclination are about perpendicular axes: their half cosines multiply.
         let total =
-            demeaned().map(|row| 2.0 * libm::acos(libm::cos(row.error / 2.0) * libm::cos(row.inclination / 2.0)));
-        let normalised: Vec<f64> = demeaned().map(|row| row.error / row.sigma).collect();
+            demeaned.iter().map(|row| 2.0 * libm::acos(libm::cos(row.error / 2.0) * libm::cos(row.inclination / 2.0)));
+        let normalised: Vec<f64> = demeaned.iter().map(|row| row.error / row.sigma).collect();
         Some(TrialScore {
             total_deg: rms_deg(total),
-            heading_deg: rms_deg(demeaned().map(|row| row.error)),
+            heading_deg: rms_deg(demeaned.iter().map(|row| row.error)),
             heading_percent: 100.0 * self.headings.len() as f64 / self.inclinations_rad.len().max(1) as f64,
             heading_within_percent: within_percent(&normalised),
             inclination_deg: rms_deg(self.inclinations_rad.iter().copied())?,
