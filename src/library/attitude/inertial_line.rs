@@ -124,7 +124,7 @@ impl InertialLine {
         if !HAS_OWN_ATTITUDE {
             return (report, None);
         }
-        let measured = report.body_rates.filter(|rates| !rates.is_from_angles());
+        let measured = report.body_rates.filter(|rates| !rates.is_rough());
         let own_rates = self.checked_body_rates_at(at, report.body_rates, field_direction);
         self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
         let is_late = self.latency_estimator.latency_us() > 0;
@@ -151,14 +151,25 @@ impl InertialLine {
         {
             let own = newest.report.attitude.tilt_rotation().down_in_body();
             self.tilt_comparison.compare_verticals(newest.sent_at, carried, own, self.tilt_covariance.trace());
+        } else {
+            self.tilt_comparison.pause();
         }
+    }
+
+    fn comparable_tilts(&self) -> Option<&TiltComparison> {
+        let is_comparable =
+            HAS_OWN_ATTITUDE && self.estimates_in_use().is_none() && !self.rate_comparison.is_contradicted();
+        is_comparable.then_some(&self.tilt_comparison)
     }
 
     /// Variance of the tilt, rad^2, of an autopilot whose vertical contradicts the own one.
     pub fn excess_tilt_variance(&self) -> Option<f32> {
-        let is_comparable =
-            HAS_OWN_ATTITUDE && self.estimates_in_use().is_none() && !self.rate_comparison.is_contradicted();
-        is_comparable.then(|| self.tilt_comparison.excess_variance()).filter(|variance| *variance > 0.0)
+        self.comparable_tilts().map(TiltComparison::excess_variance).filter(|variance| *variance > 0.0)
+    }
+
+    /// Variance of the autopilot's tilt about each axis at present, rad^2; zero if there is no own vertical to compare with.
+    pub fn instant_tilt_variance(&self) -> f32 {
+        self.comparable_tilts().map_or(0.0, TiltComparison::instant_variance)
     }
 
     /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.

@@ -115,6 +115,12 @@ impl AttitudeTrack {
         self.own.excess_tilt_variance()
     }
 
+    /// Variance of the autopilot's tilt about each axis at present, rad^2, by its difference from the own one.
+    #[must_use]
+    pub fn instant_tilt_variance(&self) -> f32 {
+        self.own.instant_tilt_variance()
+    }
+
     /// Latency of the autopilot's attitude that is corrected by own body rates, microseconds; 0 if it is short.
     #[must_use]
     pub fn corrected_latency_us(&self) -> i32 {

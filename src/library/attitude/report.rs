@@ -24,7 +24,7 @@ pub struct BodyRates {
     rad_s: [f32; 3],
     /// Heading in the frame in which the source integrates these rates, if it reports it.
     frame_heading_rad: Option<f32>,
-    is_from_angles: bool,
+    is_rough: bool,
 }
 
 impl BodyRates {
@@ -34,7 +34,7 @@ impl BodyRates {
     pub fn from_rad_s(rad_s: [f32; 3]) -> Option<Self> {
         let is_measured = rad_s.iter().any(|rate_rad_s| rate_rad_s.abs() > 0.0)
             && rad_s.iter().all(|rate_rad_s| rate_rad_s.abs() <= MAX_BODY_RATE_RAD_S);
-        is_measured.then_some(Self { rad_s, frame_heading_rad: None, is_from_angles: false })
+        is_measured.then_some(Self { rad_s, frame_heading_rad: None, is_rough: false })
     }
 
     /// Body rates p, q, r, rad/s.
@@ -50,14 +50,15 @@ impl BodyRates {
         Self { frame_heading_rad: Some(frame_heading_rad), ..self }
     }
 
-    /// The rates of a source that sends angles only, from their differences ([`RateEstimator`](super::RateEstimator)).
+    /// Rates that any own gyro betters: in whole degrees, or from the differences of angles
+    /// ([`RateEstimator`](super::RateEstimator)).
     #[must_use]
-    pub const fn computed_from_angles(self) -> Self {
-        Self { is_from_angles: true, ..self }
+    pub const fn as_rough(self) -> Self {
+        Self { is_rough: true, ..self }
     }
 
-    pub(super) const fn is_from_angles(&self) -> bool {
-        self.is_from_angles
+    pub(super) const fn is_rough(&self) -> bool {
+        self.is_rough
     }
 
     pub(super) const fn frame_heading_rad(&self) -> Option<f32> {

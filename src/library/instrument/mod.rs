@@ -75,7 +75,7 @@ pub use config::{InstrumentConfig, readings_per_sample};
 pub use correction::{Correction, SampleAttitude, SensorErrorSigmas};
 pub use estimate::{Estimate, RejectionCounts};
 pub use monitor::{ChangeReporter, HardIronChange, InstallationChange, MountTurn};
-use monitor::{MAX_SENT_SIGMA_RAD, Monitor, MonitorOutput, MonitoredCalibration};
+use monitor::{MAX_SENT_SIGMA_RAD, Monitor, MonitorOutput, MonitoredAttitude, MonitoredCalibration};
 use sensor_check::{ReadingFault, SensorCheck};
 use smoother::HeadingSmoother;
 pub use turn_request::TurnRequest;
@@ -358,8 +358,11 @@ impl Instrument {
         };
         let readings_per_sample = self.config.readings_per_sample();
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
-        let is_own_attitude = self.attitude_track.own_tilt_covariance().is_some();
-        self.monitor.process_sample(&monitored, at, &averaged, is_own_attitude);
+        let attitude = match self.attitude_track.own_tilt_covariance() {
+            Some(_) => MonitoredAttitude::Own,
+            None => MonitoredAttitude::Autopilot { tilt_variance_rad2: self.attitude_track.instant_tilt_variance() },
+        };
+        self.monitor.process_sample(&monitored, at, &averaged, attitude);
         let adjustment = self.monitor.monitor_output();
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();

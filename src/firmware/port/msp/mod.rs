@@ -115,15 +115,12 @@ impl Msp {
         let attitude = self.autopilot_firmware?.attitude_from_angles(angles)?;
         let estimated = self.rate_estimator.update_rates(at, attitude, f32::from(angles.heading_deg).to_radians());
         let measured = self.gyro_report.filter(|(received_at, _)| at.us_since(*received_at) <= REPLY_TIMEOUT_US);
-        let body_rates = match measured {
-            Some((_, rates_rad_s)) => BodyRates::from_rad_s(rates_rad_s),
-            None => BodyRates::from_rad_s(estimated).map(BodyRates::computed_from_angles),
-        };
+        let rates_rad_s = measured.map_or(estimated, |(_, rates_rad_s)| rates_rad_s);
         Some(ReceivedMessage::Attitude(AttitudeReport {
             sender: source,
             sender_clock_at_sending,
             attitude,
-            body_rates,
+            body_rates: BodyRates::from_rad_s(rates_rad_s).map(BodyRates::as_rough),
         }))
     }
 

@@ -5,7 +5,8 @@
 //! before the gates detect it. Bank does not: an aeroplane banks in coordinated turns, without sideways acceleration.
 //!
 //! Reported pitch and integrated pitch rate must both show the excursion: a jump of the attitude alone is an error, and
-//! rates projected with a wrong bank integrate to arbitrary angles.
+//! rates projected with a wrong bank integrate to arbitrary angles. With an own attitude beside, the difference of the two measures
+//! the error, of roll as well.
 
 use crate::attitude::EulerRates;
 use crate::frames::RollPitch;
@@ -28,13 +29,26 @@ pub(super) struct AccelerationTilt {
     /// Excursion by reported pitch and by integrated pitch rate, radians.
     reported_pitch_excursion_rad: f32,
     integrated_pitch_excursion_rad: f32,
+    /// Variance by the difference from the own attitude, rad^2.
+    measured_variance_rad2: f32,
 }
 
 impl AccelerationTilt {
-    pub const INITIAL: Self =
-        Self { last_pitch_rad: None, reported_pitch_excursion_rad: 0.0, integrated_pitch_excursion_rad: 0.0 };
+    pub const INITIAL: Self = Self {
+        last_pitch_rad: None,
+        reported_pitch_excursion_rad: 0.0,
+        integrated_pitch_excursion_rad: 0.0,
+        measured_variance_rad2: 0.0,
+    };
 
-    pub fn update_tilt(&mut self, RollPitch { pitch_rad, .. }: RollPitch, euler_rates: &EulerRates, step_s: f32) {
+    pub fn update_tilt(
+        &mut self,
+        RollPitch { pitch_rad, .. }: RollPitch,
+        euler_rates: &EulerRates,
+        measured_variance_rad2: f32,
+        step_s: f32,
+    ) {
+        self.measured_variance_rad2 = measured_variance_rad2;
         let last_rad = self.last_pitch_rad.replace(pitch_rad).unwrap_or(pitch_rad);
         let decay = (1.0 - step_s / AVERAGING_TIME_S).max(0.0);
         self.reported_pitch_excursion_rad = decay * (self.reported_pitch_excursion_rad + pitch_rad - last_rad);
@@ -47,6 +61,6 @@ impl AccelerationTilt {
         let off_rad = (TILT_ERROR_PER_EXCURSION
             * self.reported_pitch_excursion_rad.abs().min(self.integrated_pitch_excursion_rad.abs()))
         .min(MAX_TILT_ERROR_RAD);
-        off_rad * off_rad
+        off_rad * off_rad + self.measured_variance_rad2
     }
 }

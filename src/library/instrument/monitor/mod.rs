@@ -63,7 +63,7 @@ use measurement_model::{
     STRENGTH_CHANGE_INDEX, StateVector,
 };
 pub(super) use monitor_output::MonitorOutput;
-pub(super) use monitored_calibration::MonitoredCalibration;
+pub(super) use monitored_calibration::{MonitoredAttitude, MonitoredCalibration};
 use mount_turn::{ExplainedTurn, explained_turn};
 use parameters::{
     ATTITUDE_ERROR_TIME_S, ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR,
@@ -172,8 +172,12 @@ impl Monitor {
         monitored: &MonitoredCalibration<'_>,
         at: Timestamp,
         AveragedSample { sample, corrected, latest_rates }: &AveragedSample,
-        is_own_attitude: bool,
+        attitude: MonitoredAttitude,
     ) {
+        let (is_own_attitude, tilt_variance_rad2) = match attitude {
+            MonitoredAttitude::Own => (true, 0.0),
+            MonitoredAttitude::Autopilot { tilt_variance_rad2 } => (false, tilt_variance_rad2),
+        };
         if is_own_attitude != self.is_own_attitude {
             self.reset_states(is_own_attitude);
         }
@@ -198,7 +202,12 @@ impl Monitor {
         }
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
-        self.acceleration_tilt.update_tilt(monitor_sample.attitude, &monitor_sample.euler_rates, step_s);
+        self.acceleration_tilt.update_tilt(
+            monitor_sample.attitude,
+            &monitor_sample.euler_rates,
+            tilt_variance_rad2,
+            step_s,
+        );
         let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &mean_rates));
         let by_tilt = gyro_rows.as_ref().map_or(0.0, |rows| self.heading_noise_by_tilt(monitored, rows));
         self.predict_state(by_tilt, step_s);

@@ -1,4 +1,4 @@
-//! The calibration that the monitor checks, with the noise that it states for a sample.
+//! The calibration that the monitor checks, with the noise that it states for a sample, and the source of the attitude.
 
 use super::adaptive_noise::SampleNoise;
 use crate::calibration::{Calibration, HeadingUncertainty};
@@ -9,6 +9,18 @@ pub(in super::super) struct MonitoredCalibration<'a> {
     pub calibration: &'a Calibration,
     pub uncertainty: &'a HeadingUncertainty,
     pub readings_per_sample: u16,
+}
+
+/// Whose attitude a sample has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) enum MonitoredAttitude {
+    /// The module's own sensors'.
+    Own,
+    /// An autopilot's.
+    Autopilot {
+        /// Variance of its tilt about each axis by its difference from the own one, rad^2; zero without one.
+        tilt_variance_rad2: f32,
+    },
 }
 
 impl MonitoredCalibration<'_> {

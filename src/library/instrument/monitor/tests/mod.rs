@@ -177,7 +177,12 @@ impl Flight {
             corrected: gyro_heading.map(|gyro_heading| CorrectedReading { field, gyro_heading }),
             latest_rates: gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates),
         };
-        self.monitor.process_sample(&monitored, at, &averaged, self.is_own_attitude);
+        let attitude = if self.is_own_attitude {
+            MonitoredAttitude::Own
+        } else {
+            MonitoredAttitude::Autopilot { tilt_variance_rad2: 0.0 }
+        };
+        self.monitor.process_sample(&monitored, at, &averaged, attitude);
     }
 
     fn fly_seconds(&mut self, seconds: u32) -> FlightResult {
