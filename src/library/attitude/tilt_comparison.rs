@@ -160,7 +160,7 @@ mod tests {
             let sigma_deg = comparison.instant_variance().sqrt() / DEG;
             assert!((sigma_deg - expected_deg).abs() < 0.1, "{alignment_deg} {later_deg}: {sigma_deg}");
             comparison.pause();
-            assert_eq!([comparison.instant_variance(), comparison.excess_variance()], [0.0; 2]);
+            assert!(comparison.instant_variance() + comparison.excess_variance() <= 0.0);
         }
     }
 }

@@ -22,7 +22,6 @@ const MAX_TILT_ERROR_RAD: f32 = 0.015;
 /// Time constant of the pitch average, seconds; a sustained climb is not an excursion.
 const AVERAGING_TIME_S: f32 = 20.0;
 
-#[expect(clippy::struct_field_names, reason = "the unit")]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AccelerationTilt {
     last_pitch_rad: Option<f32>,
