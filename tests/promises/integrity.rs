@@ -393,7 +393,7 @@ fn the_own_gyro_checks_the_autopilots_attitude() {
         (VehicleKind::Copter, Mavlink, 1, "lean-30", 1.0, 50.0..=90.0),
         (VehicleKind::Vtol, Mavlink, 41, "attitude-hangs", 0.5, 80.0..=100.0),
         (VehicleKind::Vtol, Mavlink, 1, "lean-30", 0.5, 70.0..=100.0),
-        (VehicleKind::Plane, Mavlink, 5, "stuck-noisy", 4.0, 80.0..=100.0),
+        (VehicleKind::Plane, Mavlink, 40, "stuck-noisy", 1.0, 80.0..=95.0),
         (VehicleKind::Plane, Msp, 17, "lean-30", 1.0, 70.0..=100.0),
         (VehicleKind::Plane, Msp, 1, "imu-stuck-z", 0.5, 0.0..=3.0),
     ] {

@@ -354,7 +354,8 @@ impl Monitor {
         let is_usable =
             self.test_innovations(monitored.calibration, sample, &model, &measurements, normalised_field, step_s);
         if let Some(gyro_heading) = gyro_heading {
-            self.innovation_gate.update_turn(gyro_heading.euler_rates.heading_rad_s * step_s, step_s);
+            let is_beyond_limits = self.output.validity.is_err() && !self.innovation_gate.is_withholding();
+            self.innovation_gate.update_turn(gyro_heading.euler_rates.heading_rad_s * step_s, is_beyond_limits, step_s);
         }
         for (measurement, is_usable) in measurements.iter().zip(is_usable) {
             if let (Some(measurement), true) = (measurement, is_usable) {

@@ -253,7 +253,7 @@ fn withholding_monitor(withheld_s: f32) -> Monitor {
         GateResult::Consistent { is_usable: [true, true, false] }
     );
     assert!(matches!(monitor.innovation_gate.test_innovations(change, STEP_S), GateResult::ChangeDetected { .. }));
-    monitor.innovation_gate.update_turn(0.0, withheld_s);
+    monitor.innovation_gate.update_turn(0.0, false, withheld_s);
     monitor
 }
 
