@@ -113,7 +113,7 @@ impl InertialLine {
     }
 
     /// An autopilot's report of an instant, with the attitude advanced by a long latency, and then own body rates; and own body rates to
-    /// check its attitude. Without a long latency they serve in a report without any. Own rates in each report change
+    /// check its attitude. Without a long latency they serve in a report without any, or with rough ones. Own rates in each report change
     /// the RMS without a fault by less than 0.03 deg, but with an autopilot's gyro of 10 % error 3.5 % of the headings are bad, not 0.
     pub fn improved_report(
         &mut self,
