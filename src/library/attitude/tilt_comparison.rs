@@ -2,8 +2,8 @@
 //!
 //! The two differ by the alignment of their sensors, which stays, and by their errors. A larger difference is an error that one of them
 //! does not know: an attitude that hangs, or that reports a part of a copter's lean, which no rate shows in hover. Which of the two is
-//! right stays open: the excess is a variance of the tilt. Below it, the difference of an instant tells how noisy the verticals are:
-//! accelerations of a hover err by degrees for seconds.
+//! right stays open: the excess is a variance of the tilt. A smaller difference is noise: in a hover that accelerates the autopilot's
+//! vertical is wrong by degrees for seconds.
 
 use nalgebra::Vector3;
 
@@ -30,10 +30,9 @@ const MAX_STEP_S: f32 = 1.0;
 /// 30 % of the true lean 0.4 % of the headings are bad, without the comparison 1.7 %.
 const EXPLAINED_SQUARE: f32 = 6.0;
 
-/// Share of the autopilot in the square of a difference of the verticals, and that of an axis. With all of it, a plane's sigma is 1.4 times
+/// Share of the autopilot in the square of a difference of the verticals. With all of it, a plane's sigma is 1.4 times
 /// its RMS error, not 1.3; without any, a VTOL's RMS is 0.57 deg, not 0.40.
 const AUTOPILOT_SHARE: f32 = 0.5;
-const AXIS_SHARE: f32 = 0.5;
 
 /// Largest difference of an instant, rad, on each axis: by accelerations of 7 m/s^2 at 0.4 deg per m/s^2. With twice as much, 0.13 % of the
 /// headings are bad after a bias of 5 deg, not 0.02.
@@ -77,9 +76,8 @@ impl TiltComparison {
         self.compared_at = at;
         let deviation_rad = autopilot - own - self.alignment_rad;
         self.difference_rad += (deviation_rad - self.difference_rad) * (step_s / SMOOTHING_S);
-        let axis_square = AXIS_SHARE * deviation_rad.norm_squared();
-        self.instant_variance = AUTOPILOT_SHARE * axis_square.min(square(MAX_DIFFERENCE_RAD));
         // Of each horizontal axis.
+        self.instant_variance = AUTOPILOT_SHARE * (0.5 * deviation_rad.norm_squared()).min(square(MAX_DIFFERENCE_RAD));
         let errors_variance = 0.5 * (own_variance + square(AUTOPILOT_SIGMA_RAD));
         let explained = EXPLAINED_SQUARE * (errors_variance + self.alignment_variance);
         self.excess_variance = (self.difference_rad.norm_squared() - explained).max(0.0);

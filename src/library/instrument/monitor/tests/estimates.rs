@@ -59,7 +59,7 @@ fn a_turn_in_the_mount_is_estimated_and_reported() {
 /// The same field, with an attitude that turns with the module.
 #[test]
 fn a_module_with_its_own_attitude_never_turns_in_its_mount() {
-    let mut flight = Flight { is_own_attitude: true, ..Flight::new(2) };
+    let mut flight = Flight { attitude: MonitoredAttitude::Own, ..Flight::new(2) };
     flight.calibration.b_ut = [12.0, -8.0, 5.0];
     flight.fly_seconds(200);
     flight.errors.mount_turn_rad = 10_f32.to_radians();
@@ -72,8 +72,8 @@ fn a_module_with_its_own_attitude_never_turns_in_its_mount() {
 /// gyro, whose offset the attitude filter knows better.
 #[test]
 fn pitch_rates_check_the_attitude_of_an_autopilot_alone() {
-    let [by_autopilot, by_own] = [false, true].map(|is_own_attitude| {
-        let mut flight = Flight { is_own_attitude, ..Flight::new(2) };
+    let [by_autopilot, by_own] = [OF_AUTOPILOT, MonitoredAttitude::Own].map(|attitude| {
+        let mut flight = Flight { attitude, ..Flight::new(2) };
         flight.errors.pitch_excursion_rate_rad_s = 1_f32.to_radians();
         flight.fly_seconds(20);
         flight.monitor.monitor_output().states[GYRO_RATE_OFFSET_INDICES[0]].to_degrees()
@@ -92,8 +92,8 @@ fn the_field_does_not_correct_the_own_attitude() {
         ("iron", 75, iron, &[ROLL_BIAS_INDEX, PITCH_BIAS_INDEX, BANK_SCALE_ERROR_INDEX][..]),
         ("late", 55, late, &[ATTITUDE_LATENCY_INDEX]),
     ] {
-        let [by_autopilot, by_own] = [false, true].map(|is_own_attitude| {
-            let mut flight = Flight { is_own_attitude, ..Flight::new(2) };
+        let [by_autopilot, by_own] = [OF_AUTOPILOT, MonitoredAttitude::Own].map(|attitude| {
+            let mut flight = Flight { attitude, ..Flight::new(2) };
             flight.fly_seconds(begin_s);
             flight.errors = errors;
             flight.fly_seconds(80 - begin_s);

@@ -15,6 +15,9 @@ use crate::frames::{Field, RollPitch};
 use crate::heading::{Heading, HeadingLimits, compute_heading};
 use crate::instrument::averager::CorrectedReading;
 
+/// The attitude of an autopilot, without an own one beside.
+const OF_AUTOPILOT: MonitoredAttitude = MonitoredAttitude::Autopilot { tilt_variance_rad2: 0.0 };
+
 const INCLINATION_RAD: f32 = 1.0;
 const TOTAL_UT: f32 = 50.0;
 /// Noise of a sample: relative strength, and each attitude angle.
@@ -53,7 +56,7 @@ struct Flight {
     sample_count: u32,
     /// Whether the source sends body rates.
     has_gyro: bool,
-    is_own_attitude: bool,
+    attitude: MonitoredAttitude,
     gyro_heading_offset_rad: f32,
     gyro_run_number: u8,
     current: MotorCurrent,
@@ -110,7 +113,7 @@ impl Flight {
             errors: SimulatedErrors::default(),
             sample_count: 0,
             has_gyro: true,
-            is_own_attitude: false,
+            attitude: OF_AUTOPILOT,
             gyro_heading_offset_rad: 2.0,
             gyro_run_number: 0,
             current: MotorCurrent::UNKNOWN,
@@ -177,12 +180,7 @@ impl Flight {
             corrected: gyro_heading.map(|gyro_heading| CorrectedReading { field, gyro_heading }),
             latest_rates: gyro_heading.map_or_else(EulerRates::default, |gyro_heading| gyro_heading.euler_rates),
         };
-        let attitude = if self.is_own_attitude {
-            MonitoredAttitude::Own
-        } else {
-            MonitoredAttitude::Autopilot { tilt_variance_rad2: 0.0 }
-        };
-        self.monitor.process_sample(&monitored, at, &averaged, attitude);
+        self.monitor.process_sample(&monitored, at, &averaged, self.attitude);
     }
 
     fn fly_seconds(&mut self, seconds: u32) -> FlightResult {
