@@ -62,6 +62,19 @@ impl Heading {
         }
     }
 
+    /// Adds the systematic variance by errors of the attitude, square radians.
+    ///
+    /// # Errors
+    ///
+    /// [`NoHeading::AttitudeInaccurate`] if it exceeds the limit, or is not a number, as exactly at the vertical.
+    pub fn with_attitude_variance(self, variance_rad2: f32) -> Result<Self, NoHeading> {
+        if variance_rad2 <= square(MAX_ATTITUDE_SIGMA_RAD) {
+            Ok(self.with_added_systematic_variance(variance_rad2))
+        } else {
+            Err(NoHeading::AttitudeInaccurate)
+        }
+    }
+
     /// Standard deviation, degrees.
     #[must_use]
     pub fn sigma_deg(&self) -> f32 {
@@ -86,8 +99,9 @@ pub enum NoHeading {
     AttitudeStale,
     /// The attitude source repeats a value.
     AttitudeFrozen,
-    /// The nose is so near the vertical that an error of the attitude turns the heading by more than the limit.
-    AttitudeVertical,
+    /// An error of the attitude turns the heading by more than the limit: with the nose near the vertical, and after a start in motion
+    /// without an autopilot.
+    AttitudeInaccurate,
     /// No calibration for this sensor and mounting.
     Uncalibrated,
     /// The corrected field is not the Earth's: external iron, a current, or an outdated calibration.
@@ -112,7 +126,7 @@ impl NoHeading {
             Self::SensorSpike => "sensor-spike",
             Self::AttitudeStale => "attitude-stale",
             Self::AttitudeFrozen => "attitude-frozen",
-            Self::AttitudeVertical => "attitude-vertical",
+            Self::AttitudeInaccurate => "attitude-inaccurate",
             Self::Uncalibrated => "uncalibrated",
             Self::FieldDisturbed => "field-disturbed",
             Self::FieldChanged => "field-changed",
@@ -210,20 +224,14 @@ pub fn heading_from_corrected_field(
 /// Pitch above which an attitude is steep.
 const MAX_USUAL_PITCH_RAD: f32 = 75.0 * DEG;
 
-/// Largest sigma that a steep attitude adds, radians: 8 deg, the limit of the monitor.
-const MAX_STEEP_SIGMA_RAD: f32 = 8.0 * DEG;
+/// Largest heading sigma by errors of the attitude, radians: 8 deg, the limit of the monitor.
+const MAX_ATTITUDE_SIGMA_RAD: f32 = 8.0 * DEG;
 
 /// Heading at a steep attitude. Near the vertical roll and heading turn about almost the same axis, so that an error of
 /// the attitude changes both by its size over the cosine of the pitch.
 fn steep_heading(heading: Heading, attitude_sigma_rad: f32, attitude: RollPitch) -> Result<Heading, NoHeading> {
     let (_, cos_pitch) = trig::sin_cos(attitude.pitch_rad);
-    let variance_rad2 = square(attitude_sigma_rad / cos_pitch);
-    // Not a number exactly at the vertical.
-    if variance_rad2 <= square(MAX_STEEP_SIGMA_RAD) {
-        Ok(heading.with_added_systematic_variance(variance_rad2))
-    } else {
-        Err(NoHeading::AttitudeVertical)
-    }
+    heading.with_attitude_variance(square(attitude_sigma_rad / cos_pitch))
 }
 
 /// Whether the level field, relative to the calibrated strength, violates the limits; NaN and infinity do.

@@ -100,7 +100,7 @@ fn the_sigma_grows_near_the_vertical_until_the_heading_is_empty() {
         let found = compute_heading(HeadingLimits::DEFAULT, &calibration, &uncertainty, field, attitude);
         match expected_deg {
             Some(deg) => assert!((found.unwrap().sigma_deg() - deg).abs() < 0.03, "{pitch_deg}: {found:?}"),
-            None => assert_eq!(found, Err(NoHeading::AttitudeVertical), "{pitch_deg}"),
+            None => assert_eq!(found, Err(NoHeading::AttitudeInaccurate), "{pitch_deg}"),
         }
     }
 }
@@ -115,7 +115,7 @@ fn every_reason_for_an_empty_heading_has_a_code() {
         (NoHeading::SensorSpike, "sensor-spike"),
         (NoHeading::AttitudeStale, "attitude-stale"),
         (NoHeading::AttitudeFrozen, "attitude-frozen"),
-        (NoHeading::AttitudeVertical, "attitude-vertical"),
+        (NoHeading::AttitudeInaccurate, "attitude-inaccurate"),
         (NoHeading::Uncalibrated, "uncalibrated"),
         (NoHeading::FieldDisturbed, "field-disturbed"),
         (NoHeading::FieldChanged, "field-changed"),

@@ -79,6 +79,6 @@ const fn no_heading_number(reason: NoHeading) -> u16 {
         NoHeading::FieldDisturbed => 10,
         NoHeading::FieldChanged => 11,
         NoHeading::SafeMode => 12,
-        NoHeading::AttitudeVertical => 13,
+        NoHeading::AttitudeInaccurate => 13,
     }
 }
