@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Vector3};
 
 use super::carried_vertical::CarriedVertical;
 use super::gyro_frame::{GyroFrame, MAX_STEP_US};
+use super::gyro_offset::GyroOffset;
 use super::latency_estimator::LatencyEstimator;
 use super::rate_comparison::RateComparison;
 use super::report::{AttitudeReport, BodyRates};
@@ -34,6 +35,9 @@ pub(super) struct InertialLine {
     /// Estimates as reports whose time is that of their sample.
     estimates: EstimateQueue,
     tilt_covariance: Matrix2<f32>,
+    rest_offset_variance: f32,
+    /// Offset of the gyro whose rates the last report has.
+    gyro_offset: Option<GyroOffset>,
     is_accurate: bool,
     has_autopilot_reported: bool,
     rate_comparison: RateComparison,
@@ -49,6 +53,8 @@ impl InertialLine {
             source,
             estimates: ReportQueue::new(NUMBER_BEFORE_RUNS),
             tilt_covariance: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+            rest_offset_variance: 0.0,
+            gyro_offset: None,
             is_accurate: false,
             has_autopilot_reported: false,
             rate_comparison: RateComparison::new(),
@@ -71,6 +77,7 @@ impl InertialLine {
             return false;
         }
         self.tilt_covariance = estimate.tilt_covariance;
+        self.rest_offset_variance = estimate.rest_offset_variance;
         self.is_accurate = estimate.is_accurate;
         let rates_rad_s = match self.source {
             AttitudeSource::Own => Some(estimate.rates_rad_s),
@@ -129,6 +136,10 @@ impl InertialLine {
         self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
         let is_late = self.latency_estimator.latency_us() > 0;
         let rates = if is_late { own_rates } else { measured.or(own_rates) };
+        self.gyro_offset = own_rates.and_then(|_| match measured {
+            Some(_) if !is_late => self.rate_comparison.autopilot_offset(self.rest_offset_variance),
+            _ => Some(GyroOffset::of_own_rates(self.rest_offset_variance)),
+        });
         let improved = AttitudeReport {
             attitude: self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude),
             body_rates: rates.or(report.body_rates),
@@ -170,6 +181,11 @@ impl InertialLine {
     /// Variance of the autopilot's tilt about each axis at present, rad^2; zero if there is no own vertical to compare with.
     pub fn instant_tilt_variance(&self) -> f32 {
         self.comparable_tilts().map_or(0.0, TiltComparison::instant_variance)
+    }
+
+    /// Offset of the gyro whose rates the last report of an autopilot has, if own rates show it.
+    pub const fn gyro_offset(&self) -> Option<GyroOffset> {
+        self.gyro_offset
     }
 
     /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.

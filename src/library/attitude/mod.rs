@@ -6,6 +6,7 @@ mod carried_vertical;
 mod config;
 mod euler_rates;
 mod gyro_frame;
+mod gyro_offset;
 mod history;
 mod inertial_line;
 mod latency_estimator;
@@ -33,6 +34,7 @@ use crate::time::Timestamp;
 pub use config::AttitudeConfig;
 pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
+pub use gyro_offset::GyroOffset;
 use history::AttitudeHistory;
 pub use history::RejectedReports;
 use inertial_line::{InertialLine, MAX_OWN_GAP_US};
@@ -119,6 +121,12 @@ impl AttitudeTrack {
     #[must_use]
     pub fn instant_tilt_variance(&self) -> f32 {
         self.own.instant_tilt_variance()
+    }
+
+    /// Offset of the gyro whose rates an autopilot's reports have, as the own gyro shows it.
+    #[must_use]
+    pub const fn gyro_offset(&self) -> Option<GyroOffset> {
+        self.own.gyro_offset()
     }
 
     /// Latency of the autopilot's attitude that is corrected by own body rates, microseconds; 0 if it is short.

@@ -6,10 +6,11 @@
 
 use nalgebra::Vector3;
 
+use super::gyro_offset::GyroOffset;
 use super::report::BodyRates;
 use super::vector_motion::{MOTION_MEMORY_S, VectorMotion};
 use crate::time::Timestamp;
-use crate::trig::{DEG, VectorLength as _};
+use crate::trig::{DEG, VectorLength as _, square};
 
 /// Time constant of the means, seconds: that of the field's motion. The noise of rates that are computed from angles is no difference.
 const MEAN_TIME_S: f32 = MOTION_MEMORY_S;
@@ -40,6 +41,11 @@ const MIN_AGREEING_RATE_RAD_S: f32 = 10.0 * DEG;
 /// for the field to support the other.
 const MIN_PREDICTION_ERROR_RAD: f32 = 0.035;
 const MAX_ERROR_RATIO: f32 = 0.5;
+
+/// Fastest mean rotation in which the difference of the rates is one of offsets, rad/s, and its error relative to that rotation, by the
+/// scales. In turns an error of 10 % of either gyro would be an offset.
+const MAX_OFFSET_RATE_RAD_S: f32 = 6.0 * DEG;
+const SCALE_DIFFERENCE: f32 = 0.03;
 
 /// Difference of own and autopilot's body rates, and its consequence.
 #[derive(Debug)]
@@ -129,6 +135,15 @@ impl RateComparison {
         };
     }
 
+    /// Offset of the autopilot's gyro against the own one, whose offset has this variance, (rad/s)^2; `None` in a turn.
+    pub fn autopilot_offset(&self, own_variance: f32) -> Option<GyroOffset> {
+        let rate_rad_s = self.mean_own_rad_s.vector_length();
+        (rate_rad_s < MAX_OFFSET_RATE_RAD_S).then(|| GyroOffset {
+            rad_s: self.mean_autopilot_rad_s - self.mean_own_rad_s,
+            variance: own_variance + square(SCALE_DIFFERENCE * rate_rad_s),
+        })
+    }
+
     /// Ends a contradiction that a long latency explains.
     pub const fn forgive_contradiction(&mut self) {
         self.is_contradicted = false;
@@ -192,6 +207,27 @@ mod tests {
             let changes = changes_s(0.0, [5.0, 0.0], is_field_known);
             let [refused_s, used_s] = changes[..] else { panic!("{changes:?}") };
             assert!((30.0..32.0).contains(&refused_s) && (50.0..80.0).contains(&used_s), "{changes:?}");
+        }
+    }
+
+    /// In a turn scales differ, too.
+    #[test]
+    fn a_difference_of_offsets_shows_outside_turns() {
+        let offset_deg_s = [0.1, -0.3, 0.2];
+        for (turn_deg_s, is_shown) in [(0.0, true), (3.0, true), (9.0, false)] {
+            let mut comparison = RateComparison::new();
+            for i in 0..1000_u16 {
+                let [own, autopilot] = [[0.0; 3], offset_deg_s].map(|[p, q, r]: [f32; 3]| {
+                    BodyRates::from_rad_s([p + 0.01, q, r + turn_deg_s].map(f32::to_radians)).unwrap()
+                });
+                comparison.compare_rates(report_time(i), own, autopilot, None);
+            }
+            let found = comparison.autopilot_offset(1e-8);
+            assert_eq!(found.is_some(), is_shown, "{turn_deg_s}");
+            if let Some(GyroOffset { rad_s, variance }) = found {
+                let error = rad_s - Vector3::from(offset_deg_s) * DEG;
+                assert!(error.amax() < 0.01 * DEG && variance >= 1e-8, "{turn_deg_s}: {rad_s} {variance}");
+            }
         }
     }
 

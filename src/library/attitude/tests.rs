@@ -320,6 +320,7 @@ fn own_estimate(roll_deg: f32, p_deg_s: f32, frame_heading_deg: f32) -> Inertial
         attitude: RollPitch::from_deg(roll_deg, 0.0),
         rates_rad_s: [p_deg_s.to_radians(), 0.0, 0.0].into(),
         measured_rates_rad_s: Some([p_deg_s.to_radians(), 0.0, 0.0].into()),
+        rest_offset_variance: 0.0,
         frame_heading_rad: frame_heading_deg.to_radians(),
         start_count: 0,
         tilt_covariance: Matrix2::identity(),

@@ -16,6 +16,8 @@ pub struct InertialAttitude {
     /// Measured body rates less the offset of the gyro at its last rest, rad/s: without what the filter makes of accelerations.
     /// `None` before the first rest: the offset is several degrees per second, and its estimate in turns, without a speed, as wrong.
     pub measured_rates_rad_s: Option<Vector3<f32>>,
+    /// Variance of that offset, of each axis, (rad/s)^2: it has drifted since the rest.
+    pub rest_offset_variance: f32,
     /// Heading in the navigation frame, rad, -pi..pi. Only differences are meaningful; they drift with the gyro's offset.
     pub frame_heading_rad: f32,
     /// Number of the filter's start, wraps. Headings of different starts cannot be compared.
@@ -32,6 +34,7 @@ impl InertialAttitude {
     pub(super) fn new(
         rotation: &UnitQuaternion<f32>,
         (rates_rad_s, measured_rates_rad_s): (Vector3<f32>, Option<Vector3<f32>>),
+        rest_offset_variance: f32,
         start_count: u8,
         navigation_covariance: &Matrix2<f32>,
         is_accurate: bool,
@@ -45,6 +48,7 @@ impl InertialAttitude {
             attitude: roll_and_pitch(rotation),
             rates_rad_s,
             measured_rates_rad_s,
+            rest_offset_variance,
             frame_heading_rad: libm::atan2f(nose.y, nose.x),
             start_count,
             tilt_covariance: to_level * navigation_covariance * to_level.transpose(),
@@ -73,7 +77,8 @@ mod tests {
             [(0.0, navigation_covariance), (FRAC_PI_2, Matrix2::new(4.0, -0.5, -0.5, 1.0))]
         {
             let rotation = UnitQuaternion::from_euler_angles(0.4, -0.3, yaw_rad);
-            let estimate = InertialAttitude::new(&rotation, (Vector3::zeros(), None), 0, &navigation_covariance, true);
+            let estimate =
+                InertialAttitude::new(&rotation, (Vector3::zeros(), None), 0.0, 0, &navigation_covariance, true);
             assert!((estimate.tilt_covariance - level_covariance).norm() < 1e-5, "{yaw_rad}");
             let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
             assert!((roll_rad - 0.4).abs() < 1e-6 && (pitch_rad + 0.3).abs() < 1e-6);

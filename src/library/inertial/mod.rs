@@ -72,6 +72,9 @@ const ACCELEROMETER_OFFSET_RANDOM_WALK: f32 = 1e-4;
 /// Noise of the mean rates at rest, as a density, rad/s*sqrt(s): the angle random walk.
 const REST_RATE_DENSITY: f32 = ANGLE_RANDOM_WALK;
 
+/// Variance of the offset at a rest, of the mean rates of a second, (rad/s)^2.
+const REST_OFFSET_VARIANCE: f32 = REST_RATE_DENSITY * REST_RATE_DENSITY;
+
 /// Steadiest turn that could be rest, rad/s. Beyond it and the offset's uncertainty the mean rates are no offset.
 const MAX_OFFSET_CHANGE_RAD_S: f32 = 0.5 * DEG;
 
@@ -163,6 +166,7 @@ pub struct AttitudeFilter {
     gyro_offset_rad_s: Vector3<f32>,
     /// Rates at the last rest; `None` before the first one.
     rest_offset_rad_s: Option<Vector3<f32>>,
+    rest_offset_variance: f32,
     /// Rates less those of the last rest.
     measured_rates_rad_s: Option<Vector3<f32>>,
     gyro_scale: Vector3<f32>,
@@ -188,6 +192,7 @@ impl AttitudeFilter {
             is_speed_known: false,
             gyro_offset_rad_s: offsets.gyro_rad_s.into(),
             rest_offset_rad_s: None,
+            rest_offset_variance: 0.0,
             measured_rates_rad_s: None,
             gyro_scale: Vector3::zeros(),
             accelerometer_offset_m_s2: offsets.accelerometer_m_s2.into(),
@@ -241,6 +246,7 @@ impl AttitudeFilter {
         sample: &InertialSample,
         step_s: f32,
     ) -> UnitQuaternion<f32> {
+        self.rest_offset_variance += square(GYRO_OFFSET_RANDOM_WALK) * step_s;
         self.measured_rates_rad_s = self.rest_offset_rad_s.map(|offset_rad_s| sample.rates_rad_s - offset_rad_s);
         let offset_free = sample.rates_rad_s - self.gyro_offset_rad_s;
         self.rates_rad_s = offset_free - offset_free.component_mul(&self.gyro_scale);
@@ -290,6 +296,7 @@ impl AttitudeFilter {
         let is_steady_turn = |earlier: Vector3<f32>| (rates_rad_s - earlier).amax() > MAX_REST_OFFSET_CHANGE_RAD_S;
         if !self.rest_offset_rad_s.is_some_and(is_steady_turn) {
             self.rest_offset_rad_s = Some(rates_rad_s);
+            self.rest_offset_variance = REST_OFFSET_VARIANCE;
         }
     }
 
@@ -360,6 +367,7 @@ impl AttitudeFilter {
         Some(InertialAttitude::new(
             &rotation,
             (self.rates_rad_s, self.measured_rates_rad_s),
+            self.rest_offset_variance,
             self.start_count,
             &covariance,
             covariance.trace() <= square(max_tilt_sigma_rad)

@@ -360,7 +360,10 @@ impl Instrument {
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         let attitude = match self.attitude_track.own_tilt_covariance() {
             Some(_) => MonitoredAttitude::Own,
-            None => MonitoredAttitude::Autopilot { tilt_variance_rad2: self.attitude_track.instant_tilt_variance() },
+            None => MonitoredAttitude::Autopilot {
+                tilt_variance_rad2: self.attitude_track.instant_tilt_variance(),
+                gyro_offset: self.attitude_track.gyro_offset(),
+            },
         };
         self.monitor.process_sample(&monitored, at, &averaged, attitude);
         let adjustment = self.monitor.monitor_output();
@@ -443,7 +446,7 @@ impl Instrument {
             Err(
                 NoHeading::AttitudeStale
                 | NoHeading::AttitudeFrozen
-                | NoHeading::AttitudeVertical
+                | NoHeading::AttitudeInaccurate
                 | NoHeading::AttitudeContradicted,
             ) => !self.is_field_error_detected(at) && body.is_some_and(|body| self.has_calibrated_strength(body)),
             Err(_) => false,
@@ -500,10 +503,8 @@ impl Instrument {
         let limits = if base.has_valid_inclination { limits } else { limits.without_inclination_limit() };
         let heading = heading::heading_from_corrected_field(limits, calibration, uncertainty, (field, body), attitude)?
             .with_min_systematic_variance(adjustment.heading_variance_rad2)
-            .with_added_systematic_variance(
-                calibration.motor_current_heading_variance_rad2(current_a)
-                    + self.attitude_heading_variance_rad2(calibration.inclination_rad),
-            );
+            .with_added_systematic_variance(calibration.motor_current_heading_variance_rad2(current_a))
+            .with_attitude_variance(self.attitude_heading_variance_rad2(calibration.inclination_rad))?;
         if accepts_any_field || adjustment.passes_reading_gate(heading, gyro_heading) {
             Ok(heading.rotated_by_deg(base.align_deg))
         } else {

@@ -38,7 +38,7 @@ use super::averager::AveragedSample;
 use super::correction::SensorErrorSigmas;
 use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors};
 use super::ud_filter::{Measurement, UdFilter};
-use crate::attitude::{EulerRates, GyroHeading};
+use crate::attitude::{EulerRates, GyroHeading, GyroOffset};
 use crate::calibration::{Calibration, Sample};
 use crate::frames::{RollPitch, wrap_pi};
 use crate::heading::NoHeading;
@@ -68,14 +68,15 @@ use mount_turn::{ExplainedTurn, explained_turn};
 use parameters::{
     ATTITUDE_ERROR_TIME_S, ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR,
     EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2,
-    HARD_IRON_PROBABILITY, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR, MAX_DECAYING_HARD_IRON,
-    MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_HEADING_GAP_S, MAX_GYRO_OFFSET_RAD_S, MAX_GYRO_OFFSET_VARIANCE,
-    MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD,
-    MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
-    MAX_SAMPLES_AWAITING_CURRENT, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE,
-    MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S,
-    POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2,
-    UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
+    GYRO_OFFSET_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR,
+    MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_HEADING_GAP_S, MAX_GYRO_OFFSET_RAD_S,
+    MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
+    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S,
+    MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLES_AWAITING_CURRENT, MAX_STRENGTH_CHANGE,
+    MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
+    MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION,
+    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
+    VARIANCE_FLOORS, state_noise,
 };
 pub(super) use parameters::{MAX_SAMPLE_GAP_S, MAX_SENT_SIGMA_RAD};
 
@@ -174,9 +175,11 @@ impl Monitor {
         AveragedSample { sample, corrected, latest_rates }: &AveragedSample,
         attitude: MonitoredAttitude,
     ) {
-        let (is_own_attitude, tilt_variance_rad2) = match attitude {
-            MonitoredAttitude::Own => (true, 0.0),
-            MonitoredAttitude::Autopilot { tilt_variance_rad2 } => (false, tilt_variance_rad2),
+        let (is_own_attitude, tilt_variance_rad2, gyro_offset) = match attitude {
+            MonitoredAttitude::Own => (true, 0.0, None),
+            MonitoredAttitude::Autopilot { tilt_variance_rad2, gyro_offset } => {
+                (false, tilt_variance_rad2, gyro_offset)
+            }
         };
         if is_own_attitude != self.is_own_attitude {
             self.reset_states(is_own_attitude);
@@ -213,6 +216,9 @@ impl Monitor {
         self.predict_state(by_tilt, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
+        if let Some(offset) = gyro_offset {
+            self.update_gyro_offsets(&offset, step_s);
+        }
         let last_hard_iron = measurement_model::hard_iron_change(self.filter.mean());
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
@@ -303,6 +309,17 @@ impl Monitor {
         if is_gap {
             let turn_error_rad = TAU * self.expected_sensor_errors.gyro_scale;
             self.filter.inflate_variance(GYRO_HEADING_OFFSET_INDEX, square(turn_error_rad));
+        }
+    }
+
+    /// Updates the gyro's offsets with those that the own gyro shows: a slow change of the field is no offset then.
+    fn update_gyro_offsets(&mut self, offset: &GyroOffset, step_s: f32) {
+        let variance = offset.variance * GYRO_OFFSET_TIME_S / step_s;
+        for (state, measured_rad_s) in GYRO_RATE_OFFSET_INDICES.into_iter().zip([offset.rad_s.y, offset.rad_s.z]) {
+            let mut jacobian = [0.0; STATE_COUNT];
+            jacobian[state] = 1.0;
+            let residual = measured_rad_s - self.filter.mean()[state];
+            self.filter.apply_measurement(&Measurement { jacobian, residual, variance });
         }
     }
 

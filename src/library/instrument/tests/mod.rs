@@ -363,6 +363,7 @@ fn a_fast_swing_leaves_no_error_behind() {
                 attitude,
                 rates_rad_s,
                 measured_rates_rad_s: Some(rates_rad_s),
+                rest_offset_variance: 0.0,
                 frame_heading_rad: heading_rad,
                 start_count: 0,
                 tilt_covariance: nalgebra::Matrix2::identity() * 1e-5,
