@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix2, Vector3};
 
+use super::autopilot_errors::{AutopilotErrors, GyroOffset};
 use super::carried_vertical::CarriedVertical;
 use super::gyro_frame::{GyroFrame, MAX_STEP_US};
-use super::gyro_offset::GyroOffset;
 use super::latency_estimator::LatencyEstimator;
 use super::rate_comparison::RateComparison;
 use super::report::{AttitudeReport, BodyRates};
@@ -178,14 +178,10 @@ impl InertialLine {
         self.comparable_tilts().map(TiltComparison::excess_variance).filter(|variance| *variance > 0.0)
     }
 
-    /// Variance of the autopilot's tilt about each axis at present, rad^2; zero if there is no own vertical to compare with.
-    pub fn instant_tilt_variance(&self) -> f32 {
-        self.comparable_tilts().map_or(0.0, TiltComparison::instant_variance)
-    }
-
-    /// Offset of the gyro whose rates the last report of an autopilot has, if own rates show it.
-    pub const fn gyro_offset(&self) -> Option<GyroOffset> {
-        self.gyro_offset
+    /// Errors of the autopilot at its last report.
+    pub fn autopilot_errors(&self) -> AutopilotErrors {
+        let tilt = self.comparable_tilts().and_then(TiltComparison::tilt_error);
+        AutopilotErrors { tilt, gyro_offset: self.gyro_offset }
     }
 
     /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.

@@ -2,11 +2,11 @@
 //! converted to the attitude and the turn at the instant of a measurement.
 
 mod alignment_detector;
+mod autopilot_errors;
 mod carried_vertical;
 mod config;
 mod euler_rates;
 mod gyro_frame;
-mod gyro_offset;
 mod history;
 mod inertial_line;
 mod latency_estimator;
@@ -31,10 +31,11 @@ use nalgebra::Matrix2;
 use crate::frames::{Body, Field, Sensor};
 use crate::inertial::InertialAttitude;
 use crate::time::Timestamp;
+pub(crate) use autopilot_errors::TILT_ERROR_TIME_S;
+pub use autopilot_errors::{AutopilotErrors, GyroOffset, TiltError};
 pub use config::AttitudeConfig;
 pub(crate) use euler_rates::MIN_COS_PITCH;
 pub use euler_rates::{EulerRates, GyroHeading};
-pub use gyro_offset::GyroOffset;
 use history::AttitudeHistory;
 pub use history::RejectedReports;
 use inertial_line::{InertialLine, MAX_OWN_GAP_US};
@@ -117,16 +118,10 @@ impl AttitudeTrack {
         self.own.excess_tilt_variance()
     }
 
-    /// Variance of the autopilot's tilt about each axis at present, rad^2, by its difference from the own one.
+    /// Errors of the autopilot at its last report, as the own sensors show them.
     #[must_use]
-    pub fn instant_tilt_variance(&self) -> f32 {
-        self.own.instant_tilt_variance()
-    }
-
-    /// Offset of the gyro whose rates an autopilot's reports have, as the own gyro shows it.
-    #[must_use]
-    pub const fn gyro_offset(&self) -> Option<GyroOffset> {
-        self.own.gyro_offset()
+    pub fn autopilot_errors(&self) -> AutopilotErrors {
+        self.own.autopilot_errors()
     }
 
     /// Latency of the autopilot's attitude that is corrected by own body rates, microseconds; 0 if it is short.

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::gyro_offset::GyroOffset;
+use super::autopilot_errors::GyroOffset;
 use super::report::BodyRates;
 use super::vector_motion::{MOTION_MEMORY_S, VectorMotion};
 use crate::time::Timestamp;

@@ -7,18 +7,19 @@
 
 use nalgebra::Vector3;
 
+use super::autopilot_errors::{TILT_ERROR_TIME_S, TiltError};
+use super::euler_rates::MIN_COS_PITCH;
 use super::sender_selector::SenderId;
 use crate::time::Timestamp;
-use crate::trig::{DEG, square};
+use crate::trig::{DEG, hypot, square};
 
 /// Difference by the alignment of the sensors before the first comparison, rad, on each axis, and its random walk, rad/sqrt(s): 0.25 deg
 /// in a minute, by temperature.
 const ALIGNMENT_SIGMA_RAD: f32 = 3.0 * DEG;
 const ALIGNMENT_RANDOM_WALK: f32 = 0.03 * DEG;
 
-/// Error of the autopilot's vertical, rad, and the time for which both verticals keep their errors, seconds: a turn.
+/// Error of the autopilot's vertical, rad.
 const AUTOPILOT_SIGMA_RAD: f32 = 0.5 * DEG;
-const ERROR_TIME_S: f32 = 10.0;
 
 /// Time constant of the difference, seconds.
 const SMOOTHING_S: f32 = 1.0;
@@ -48,8 +49,7 @@ pub(super) struct TiltComparison {
     alignment_variance: f32,
     /// Smoothed difference without the alignment.
     difference_rad: Vector3<f32>,
-    instant_variance: f32,
-    excess_variance: f32,
+    tilt_error: Option<TiltError>,
 }
 
 impl TiltComparison {
@@ -60,8 +60,7 @@ impl TiltComparison {
             alignment_rad: Vector3::new(0.0, 0.0, 0.0),
             alignment_variance: ALIGNMENT_SIGMA_RAD * ALIGNMENT_SIGMA_RAD,
             difference_rad: Vector3::new(0.0, 0.0, 0.0),
-            instant_variance: 0.0,
-            excess_variance: 0.0,
+            tilt_error: None,
         }
     }
 
@@ -76,17 +75,21 @@ impl TiltComparison {
         self.compared_at = at;
         let deviation_rad = autopilot - own - self.alignment_rad;
         self.difference_rad += (deviation_rad - self.difference_rad) * (step_s / SMOOTHING_S);
+        let errors_variance = 0.5 * (own_variance + square(AUTOPILOT_SIGMA_RAD));
         // Of each horizontal axis.
         let is_noise = 0.5 * self.difference_rad.norm_squared() <= square(MAX_NOISE_RAD);
-        self.instant_variance = if is_noise { AUTOPILOT_SHARE * 0.5 * deviation_rad.norm_squared() } else { 0.0 };
-        let errors_variance = 0.5 * (own_variance + square(AUTOPILOT_SIGMA_RAD));
-        let explained = EXPLAINED_SQUARE * (errors_variance + self.alignment_variance);
-        self.excess_variance = (self.difference_rad.norm_squared() - explained).max(0.0);
+        let [roll_rad, pitch_rad] = roll_and_pitch_error(&own, &self.difference_rad);
+        self.tilt_error = Some(TiltError {
+            roll_rad,
+            pitch_rad,
+            variance_rad2: errors_variance + self.alignment_variance,
+            noise_variance_rad2: if is_noise { AUTOPILOT_SHARE * 0.5 * deviation_rad.norm_squared() } else { 0.0 },
+        });
         self.alignment_variance += square(ALIGNMENT_RANDOM_WALK) * step_s;
-        if self.excess_variance == 0.0 {
+        if self.excess_variance() == 0.0 {
             // As independent measurements in the time for which the errors stay.
             let gain = step_s * self.alignment_variance
-                / (step_s * self.alignment_variance + 4.0 * ERROR_TIME_S * errors_variance);
+                / (step_s * self.alignment_variance + 4.0 * TILT_ERROR_TIME_S * errors_variance);
             self.alignment_rad += deviation_rad * gain;
             self.alignment_variance *= 1.0 - gain;
         }
@@ -94,18 +97,25 @@ impl TiltComparison {
 
     /// Forgets the difference while there is no own vertical to compare with.
     pub fn pause(&mut self) {
-        (self.difference_rad, self.instant_variance, self.excess_variance) = (Vector3::zeros(), 0.0, 0.0);
+        (self.difference_rad, self.tilt_error) = (Vector3::zeros(), None);
     }
 
-    /// Variance of the autopilot's tilt about each axis at the last comparison, rad^2, by the difference of the verticals.
-    pub const fn instant_variance(&self) -> f32 {
-        self.instant_variance
+    /// Error of the autopilot's roll and pitch by the own vertical at the last comparison.
+    pub const fn tilt_error(&self) -> Option<TiltError> {
+        self.tilt_error
     }
 
     /// Variance of the tilt, rad^2, by a difference that the errors of both do not explain.
-    pub const fn excess_variance(&self) -> f32 {
-        self.excess_variance
+    pub fn excess_variance(&self) -> f32 {
+        let excess = |error: TiltError| self.difference_rad.norm_squared() - EXPLAINED_SQUARE * error.variance_rad2;
+        self.tilt_error.map_or(0.0, excess).max(0.0)
     }
+}
+
+/// Errors of roll and pitch that move the vertical in body axes by a difference.
+fn roll_and_pitch_error(vertical: &Vector3<f32>, difference: &Vector3<f32>) -> [f32; 2] {
+    let cos_pitch = hypot(vertical.y, vertical.z).max(MIN_COS_PITCH);
+    [(difference.y * vertical.z - difference.z * vertical.y) / square(cos_pitch), -difference.x / cos_pitch]
 }
 
 #[cfg(test)]
@@ -149,18 +159,21 @@ mod tests {
         }
     }
 
-    /// The autopilot's sigma of an axis is half of a difference of roll alone, unless it is too large for noise, as long as there is an own
-    /// vertical.
+    /// The mean error is that of roll. The autopilot's sigma of an axis is half of a difference of roll alone, unless it is too large for
+    /// noise, as long as there is an own vertical.
     #[test]
     fn a_difference_of_an_instant_is_noise() {
         for (alignment_deg, later_deg, expected_deg) in
             [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (4.0, 2.0, 1.0), (0.0, 5.0, 0.0)]
         {
             let mut comparison = comparison_after(alignment_deg, later_deg, 0.0);
-            let sigma_deg = comparison.instant_variance().sqrt() / DEG;
+            let error = comparison.tilt_error().unwrap();
+            let is_mean = (error.roll_rad / DEG - later_deg).abs() < 0.3 && error.pitch_rad.abs() < 0.01 * DEG;
+            assert!(is_mean, "{alignment_deg} {later_deg}: {error:?}");
+            let sigma_deg = error.noise_variance_rad2.sqrt() / DEG;
             assert!((sigma_deg - expected_deg).abs() < 0.1, "{alignment_deg} {later_deg}: {sigma_deg}");
             comparison.pause();
-            assert!(comparison.instant_variance() + comparison.excess_variance() <= 0.0);
+            assert!(comparison.tilt_error().is_none() && comparison.excess_variance() <= 0.0);
         }
     }
 }

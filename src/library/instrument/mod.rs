@@ -360,10 +360,7 @@ impl Instrument {
         let monitored = MonitoredCalibration { calibration, uncertainty, readings_per_sample };
         let attitude = match self.attitude_track.own_tilt_covariance() {
             Some(_) => MonitoredAttitude::Own,
-            None => MonitoredAttitude::Autopilot {
-                tilt_variance_rad2: self.attitude_track.instant_tilt_variance(),
-                gyro_offset: self.attitude_track.gyro_offset(),
-            },
+            None => MonitoredAttitude::Autopilot(self.attitude_track.autopilot_errors()),
         };
         self.monitor.process_sample(&monitored, at, &averaged, attitude);
         let adjustment = self.monitor.monitor_output();

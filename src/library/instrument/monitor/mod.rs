@@ -38,7 +38,7 @@ use super::averager::AveragedSample;
 use super::correction::SensorErrorSigmas;
 use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors};
 use super::ud_filter::{Measurement, UdFilter};
-use crate::attitude::{EulerRates, GyroHeading, GyroOffset};
+use crate::attitude::{AutopilotErrors, EulerRates, GyroHeading, TILT_ERROR_TIME_S, TiltError};
 use crate::calibration::{Calibration, Sample};
 use crate::frames::{RollPitch, wrap_pi};
 use crate::heading::NoHeading;
@@ -175,11 +175,9 @@ impl Monitor {
         AveragedSample { sample, corrected, latest_rates }: &AveragedSample,
         attitude: MonitoredAttitude,
     ) {
-        let (is_own_attitude, tilt_variance_rad2, gyro_offset) = match attitude {
-            MonitoredAttitude::Own => (true, 0.0, None),
-            MonitoredAttitude::Autopilot { tilt_variance_rad2, gyro_offset } => {
-                (false, tilt_variance_rad2, gyro_offset)
-            }
+        let (is_own_attitude, errors) = match attitude {
+            MonitoredAttitude::Own => (true, AutopilotErrors::default()),
+            MonitoredAttitude::Autopilot(errors) => (false, errors),
         };
         if is_own_attitude != self.is_own_attitude {
             self.reset_states(is_own_attitude);
@@ -208,7 +206,7 @@ impl Monitor {
         self.acceleration_tilt.update_tilt(
             monitor_sample.attitude,
             &monitor_sample.euler_rates,
-            tilt_variance_rad2,
+            errors.tilt.map_or(0.0, |tilt| tilt.noise_variance_rad2),
             step_s,
         );
         let gyro_rows = gyro_heading.map(|_| GyroErrorRows::new(monitor_sample.attitude, &mean_rates));
@@ -216,9 +214,7 @@ impl Monitor {
         self.predict_state(by_tilt, step_s);
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
-        if let Some(offset) = gyro_offset {
-            self.update_gyro_offsets(&offset, step_s);
-        }
+        self.update_autopilot_errors(&errors, monitor_sample.attitude.roll_rad, step_s);
         let last_hard_iron = measurement_model::hard_iron_change(self.filter.mean());
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
@@ -312,15 +308,36 @@ impl Monitor {
         }
     }
 
-    /// Updates the gyro's offsets with those that the own gyro shows: a slow change of the field is no offset then.
-    fn update_gyro_offsets(&mut self, offset: &GyroOffset, step_s: f32) {
-        let variance = offset.variance * GYRO_OFFSET_TIME_S / step_s;
-        for (state, measured_rad_s) in GYRO_RATE_OFFSET_INDICES.into_iter().zip([offset.rad_s.y, offset.rad_s.z]) {
-            let mut jacobian = [0.0; STATE_COUNT];
-            jacobian[state] = 1.0;
-            let residual = measured_rad_s - self.filter.mean()[state];
-            self.filter.apply_measurement(&Measurement { jacobian, residual, variance });
+    /// Updates the errors of attitude and gyro that the own sensors show: those of the field are not taken for them then.
+    fn update_autopilot_errors(&mut self, errors: &AutopilotErrors, roll_rad: f32, step_s: f32) {
+        if step_s <= 0.0 {
+            return;
         }
+        if let Some(TiltError { roll_rad: roll_error_rad, pitch_rad, variance_rad2, .. }) = errors.tilt {
+            let variance = variance_rad2 * TILT_ERROR_TIME_S / step_s;
+            self.measure_states(
+                &[(ROLL_BIAS_INDEX, 1.0), (BANK_SCALE_ERROR_INDEX, roll_rad)],
+                roll_error_rad,
+                variance,
+            );
+            self.measure_states(&[(PITCH_BIAS_INDEX, 1.0)], pitch_rad, variance);
+        }
+        if let Some(offset) = errors.gyro_offset {
+            let variance = offset.variance * GYRO_OFFSET_TIME_S / step_s;
+            for (state, rad_s) in GYRO_RATE_OFFSET_INDICES.into_iter().zip([offset.rad_s.y, offset.rad_s.z]) {
+                self.measure_states(&[(state, 1.0)], rad_s, variance);
+            }
+        }
+    }
+
+    /// Updates with a measured sum of states, each times its factor.
+    fn measure_states(&mut self, terms: &[(usize, f32)], measured: f32, variance: f32) {
+        let (mut jacobian, mut residual) = ([0.0; STATE_COUNT], measured);
+        for &(state, factor) in terms {
+            jacobian[state] = factor;
+            residual -= factor * self.filter.mean()[state];
+        }
+        self.filter.apply_measurement(&Measurement { jacobian, residual, variance });
     }
 
     fn decay_states(&mut self, states: Range<usize>, decay: f32) {

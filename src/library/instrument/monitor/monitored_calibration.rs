@@ -1,7 +1,7 @@
 //! The calibration that the monitor checks, with the noise that it states for a sample, and the source of the attitude.
 
 use super::adaptive_noise::SampleNoise;
-use crate::attitude::GyroOffset;
+use crate::attitude::AutopilotErrors;
 use crate::calibration::{Calibration, HeadingUncertainty};
 
 /// The calibration that samples are checked against.
@@ -17,13 +17,8 @@ pub(in super::super) struct MonitoredCalibration<'a> {
 pub(in super::super) enum MonitoredAttitude {
     /// The module's own sensors'.
     Own,
-    /// An autopilot's.
-    Autopilot {
-        /// Variance of its tilt about each axis by its difference from the own one, rad^2; zero without one.
-        tilt_variance_rad2: f32,
-        /// Offset of the gyro by which its rates differ from the own ones; `None` without these.
-        gyro_offset: Option<GyroOffset>,
-    },
+    /// An autopilot's, with its errors as own sensors show them.
+    Autopilot(AutopilotErrors),
 }
 
 impl MonitoredCalibration<'_> {

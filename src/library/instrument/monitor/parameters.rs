@@ -99,8 +99,7 @@ pub(super) const MAX_GYRO_HEADING_GAP_S: f32 = 60.0;
 /// be those of another movement.
 pub(super) const MAX_INTEGRATED_STEP_S: f32 = 0.3;
 
-/// Time in which the own gyro measures the offset of the gyro in use to its sigma, seconds: the error lasts, that of the monitor's model
-/// as well.
+/// Time in which the own gyro measures the offset of the gyro in use to its sigma, seconds: the error lasts.
 pub(super) const GYRO_OFFSET_TIME_S: f32 = 60.0;
 
 /// Assumed interval before the first sample, seconds: the usual one.
