@@ -38,7 +38,7 @@ use super::averager::AveragedSample;
 use super::correction::SensorErrorSigmas;
 use super::gyro_error::{GYRO_ERROR_COUNT, GyroErrorRows, GyroErrors};
 use super::ud_filter::{Measurement, UdFilter};
-use crate::attitude::{AutopilotErrors, EulerRates, GyroHeading, TILT_ERROR_TIME_S, TiltError};
+use crate::attitude::{AutopilotErrors, EulerRates, GyroHeading, HAS_OWN_ATTITUDE, TILT_ERROR_TIME_S, TiltError};
 use crate::calibration::{Calibration, Sample};
 use crate::frames::{RollPitch, wrap_pi};
 use crate::heading::NoHeading;
@@ -310,7 +310,7 @@ impl Monitor {
 
     /// Updates the errors of attitude and gyro that the own sensors show: those of the field are not taken for them then.
     fn update_autopilot_errors(&mut self, errors: &AutopilotErrors, roll_rad: f32, step_s: f32) {
-        if step_s <= 0.0 {
+        if !HAS_OWN_ATTITUDE || step_s <= 0.0 {
             return;
         }
         if let Some(TiltError { roll_rad: roll_error_rad, pitch_rad, variance_rad2, .. }) = errors.tilt {
