@@ -73,8 +73,7 @@ fn headings_are_honest_while_iron_changes_at_any_rate_and_instant() {
 }
 
 /// By ArduPilot's MSP the rates are changes of a heading in steps of 1 deg, by INAV's gyro rates in steps of 1 deg/s.
-/// Headings are accurate to 0.4 deg RMS (MAVLink 0.3); a stuck sensor is found as by MAVLink. Bounds are 1.5 times the
-/// measured values, of `stuck-noisy` the promise.
+/// Headings are accurate to 0.4 deg RMS (MAVLink 0.3). Bounds are 1.5 times the measured values.
 #[test]
 fn headings_by_msp_are_smooth_and_accurate() {
     for source in [Msp, MspInav] {
@@ -82,9 +81,6 @@ fn headings_by_msp_are_smooth_and_accurate() {
             assert!(are_all_accepted(&row) && row.smooth_percent > 60.0, "{source:?} {row:?}");
             assert!(row.rms_deg < 0.7 && row.worst_deg < 6.0 && row.bad_percent <= 0.0, "{source:?} {row:?}");
             assert!(row.within_three_sigma_percent > 90.0 && row.empty_percent < 0.1, "{source:?} {row:?}");
-        }
-        for row in run_plan(IntegrityPlan { attitude_protocol: source, ..TEST_PLAN }, &["stuck-noisy"]) {
-            assert!(row.bad_percent <= 3.0 && row.empty_percent > 90.0, "{source:?} {row:?}");
         }
     }
 }
@@ -379,14 +375,11 @@ fn an_upset_of_the_own_gyro_does_not_turn_the_heading() {
     }
 }
 
-/// The own gyro shows within a movement that the autopilot's attitude is late, which is corrected, hangs or leans; a stuck sensor stays
-/// found. Measured over 40 flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad. Before the vertical was compared in the
+/// The own gyro shows within a movement that the autopilot's attitude is late, which is corrected, hangs or leans. Measured over 40 flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad. Before the vertical was compared in the
 /// gyro's frame, axis by axis, the first four were 0.02, 0.0, 1.7 and 6.4 %; before the field arbitrated between the own gyro and rates
 /// that are computed from a leaning attitude, the next two 2.0 and 1.3 %. Of copters that lean in hover, where no rate shows it, 0.3 %, and
-/// before the own vertical was compared 2.2 %. Of `stuck-noisy`, whose headings are almost all empty, 0.2 % of planes and 0.4 % of copters
-/// over 100 flights; of the planes here 0.1 %, and before states that had run away needed a turn 3.4 %; of the copters 0.4 %, and
-/// before the own gyro showed the offset of the autopilot's 18 %. Of planes by INAV beside which iron passes 0 %, 0.1 over 60 flights,
-/// and 8 before the own vertical showed the errors of roll and pitch.
+/// before the own vertical was compared 2.2 %. Of planes by INAV beside which iron passes 0 %, 0.1 over 60 flights, and 8 before the own
+/// vertical showed the errors of roll and pitch.
 #[test]
 fn the_own_gyro_checks_the_autopilots_attitude() {
     let automatic = IntegrityPlan { attitude: AttitudeSource::Automatic, ..TEST_PLAN };
@@ -395,8 +388,6 @@ fn the_own_gyro_checks_the_autopilots_attitude() {
         (VehicleKind::Copter, Mavlink, 1, "lean-30", 1.0, 50.0..=90.0),
         (VehicleKind::Vtol, Mavlink, 41, "attitude-hangs", 0.5, 80.0..=100.0),
         (VehicleKind::Vtol, Mavlink, 1, "lean-30", 0.5, 70.0..=100.0),
-        (VehicleKind::Plane, Mavlink, 40, "stuck-noisy", 1.0, 80.0..=95.0),
-        (VehicleKind::Copter, Mavlink, 52, "stuck-noisy", 1.0, 80.0..=96.0),
         (VehicleKind::Plane, Msp, 17, "lean-30", 1.0, 70.0..=100.0),
         (VehicleKind::Plane, Msp, 1, "imu-stuck-z", 0.5, 0.0..=3.0),
         (VehicleKind::Plane, MspInav, 19, "passing-50-30s", 1.0, 20.0..=45.0),
@@ -425,16 +416,25 @@ fn headings_beside_the_own_gyro_are_as_accurate_by_each_link() {
     }
 }
 
-/// The own attitude of an aeroplane is not accurate in a turn; a sensor that sticks there shows after it, by the gyro's heading across
-/// the turn. In a copter's slow turn it resembles iron that turns the other way, and the heading of a VTOL disagrees with its gyro's.
-/// Measured over 60 flights of each: 0.2, 0.7, 1.3 % bad, 3.3, 3.9, 4.6 deg RMS; with a heading that starts again after 3 s, 5.9 % and 27
-/// deg; with iron across the field in its drift, 3.9 % and 7.7 deg; with headings at any disagreement, 1.4 % and 10.7 deg.
+/// A sensor that repeats one field with noise is found in the first turn, by the field that turns with the aircraft; until then the
+/// heading errs by what was turned. The seeds have the flights with the largest errors before that, of up to 76, 123, 80, 48 and 32 deg,
+/// and copters with 18 % bad before the own gyro showed the offset of the autopilot's. Measured over 100 flights of each: 0.1 to 0.9 % bad
+/// and at most 32 deg with an own gyro; without one 0.1 to 2.4 % and 34 deg, of copters by INAV 60 deg.
 #[test]
-fn a_sensor_that_sticks_in_a_turn_by_the_own_attitude_is_found() {
-    for (aircraft, seed) in [(VehicleKind::Plane, 7), (VehicleKind::Copter, 20), (VehicleKind::Vtol, 40)] {
-        let plan = IntegrityPlan { attitude: AttitudeSource::Own, aircraft, flights_per_case: 8, seed, ..TEST_PLAN };
+fn a_stuck_sensor_is_found_in_a_turn() {
+    use AttitudeSource::{Automatic, Autopilot, Own};
+    for (attitude, aircraft, attitude_protocol, seed, bad_percent) in [
+        (Automatic, VehicleKind::Vtol, Mavlink, 20, 1.0),
+        (Automatic, VehicleKind::Copter, Mavlink, 52, 1.0),
+        (Automatic, VehicleKind::Copter, Msp, 1, 2.0),
+        (Own, VehicleKind::Vtol, Mavlink, 40, 1.0),
+        (Autopilot, VehicleKind::Plane, Msp, 49, 3.0),
+        (Autopilot, VehicleKind::Plane, MspInav, 1, 3.0),
+    ] {
+        let plan = IntegrityPlan { attitude, aircraft, attitude_protocol, flights_per_case: 8, seed, ..TEST_PLAN };
         for row in run_whole_plan(plan, &["stuck-noisy"]) {
-            assert!(row.bad_percent <= 1.0 && row.rms_deg <= 10.0 && row.empty_percent <= 97.0, "{row:?}");
+            assert!(row.bad_percent <= bad_percent && row.worst_deg <= 40.0, "{row:?}");
+            assert!((85.0..=97.0).contains(&row.empty_percent), "{row:?}");
         }
     }
 }

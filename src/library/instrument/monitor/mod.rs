@@ -27,6 +27,7 @@ mod monitor_output;
 mod monitored_calibration;
 mod mount_turn;
 mod parameters;
+mod stuck_field;
 
 use core::array;
 use core::f32::consts::TAU;
@@ -69,16 +70,16 @@ use parameters::{
     ATTITUDE_ERROR_TIME_S, ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR,
     EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2,
     GYRO_OFFSET_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR,
-    MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_HEADING_GAP_S, MAX_GYRO_OFFSET_RAD_S,
-    MAX_GYRO_OFFSET_VARIANCE, MAX_GYRO_SCALE_ERROR, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD,
-    MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S,
-    MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD, MAX_SAMPLES_AWAITING_CURRENT, MAX_STRENGTH_CHANGE,
-    MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE, MIN_FIELD_DRIFT, MIN_SIN_INCLINATION,
-    MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION,
-    SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S,
-    VARIANCE_FLOORS, state_noise,
+    MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_HEADING_GAP_S, MAX_GYRO_OFFSET_VARIANCE,
+    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION,
+    MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
+    MAX_SAMPLES_AWAITING_CURRENT, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE,
+    MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S,
+    POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2,
+    UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
 };
 pub(super) use parameters::{MAX_SAMPLE_GAP_S, MAX_SENT_SIGMA_RAD};
+use stuck_field::StuckField;
 
 /// The monitor. 2 KB.
 #[derive(Debug)]
@@ -111,6 +112,7 @@ pub(super) struct Monitor {
     /// Samples discarded while the first report of the motor current is awaited.
     samples_awaiting_current: u8,
     gyro_run_number: Option<u8>,
+    stuck_field: StuckField,
     output: MonitorOutput,
 }
 
@@ -158,6 +160,7 @@ impl Monitor {
             last_sample_at: None,
             samples_awaiting_current: 0,
             gyro_run_number: None,
+            stuck_field: StuckField::NOT_STUCK,
             output: MonitorOutput::INITIAL,
         }
     }
@@ -203,6 +206,15 @@ impl Monitor {
         }
         let step_s = self.last_sample_at.map_or(INITIAL_STEP_S, |last| at.us_since(last) as f32 * 1e-6);
         self.last_sample_at = Some(at);
+        if let Some(gyro_heading) = &gyro_heading {
+            let (_, cos_inclination) = trig::sin_cos(calibration.inclination_rad);
+            self.stuck_field.add_field(&field, monitor_sample.attitude, gyro_heading, cos_inclination, step_s);
+        }
+        if self.stuck_field.is_stuck() {
+            self.reset_states(is_own_attitude);
+            self.output.validity = Err(NoHeading::SensorStuck);
+            return;
+        }
         self.acceleration_tilt.update_tilt(
             monitor_sample.attitude,
             &monitor_sample.euler_rates,
@@ -215,10 +227,9 @@ impl Monitor {
         self.propagate_gyro_heading_offset(gyro_rows.map(|rows| rows.heading_row), step_s);
         self.initialise_gyro_heading_offset(&monitor_sample, gyro_heading, step_s);
         self.update_autopilot_errors(&errors, monitor_sample.attitude.roll_rad, step_s);
-        let last_hard_iron = measurement_model::hard_iron_change(self.filter.mean());
         let heading_jacobian =
             self.update_measurements(monitored, &monitor_sample, &position, gyro_heading.as_ref(), step_s);
-        self.inflate_by_drift(&last_hard_iron, monitor_sample.attitude.roll_rad, &heading_jacobian, step_s);
+        self.inflate_by_drift(monitor_sample.attitude.roll_rad, &heading_jacobian, step_s);
         let [_, z] = GYRO_RATE_OFFSET_INDICES;
         let gyro_offset =
             GyroOffsetEstimate { offset_rad_s: self.filter.mean()[z], variance: self.filter.state_variance(z) };
@@ -247,10 +258,14 @@ impl Monitor {
         is_awaiting
     }
 
-    /// Resets the monitor. Not inlined, because a whole monitor is on the stack.
+    /// Resets the monitor but for what it knows of a stuck field. Not inlined, because a whole monitor is on the stack.
     #[inline(never)]
     fn reset_states(&mut self, is_own_attitude: bool) {
-        *self = Self::with_attitude(self.expected_sensor_errors, is_own_attitude);
+        *self = Self {
+            stuck_field: self.stuck_field,
+            last_sample_at: self.last_sample_at,
+            ..Self::with_attitude(self.expected_sensor_errors, is_own_attitude)
+        };
     }
 
     /// Time update of all states, with the process noise of the gyro heading by the attitude's errors.
@@ -523,23 +538,11 @@ impl Monitor {
     }
 
     /// Inflates all axes of hard iron by a drift of the field: unobserved axes may have drifted as much as observed
-    /// ones. Hard iron across the horizontal field, now or when it changed, does not count: an error of the gyro's offset
-    /// moves it as well, as does a turn with a field that is stuck, and the inflation would free it to go on. In a bank,
-    /// which makes it observable, the mount's turn is inflated as well.
-    fn inflate_by_drift(
-        &mut self,
-        last_hard_iron: &Vector3<f32>,
-        roll_rad: f32,
-        heading_jacobian: &StateVector,
-        step_s: f32,
-    ) {
+    /// ones. Hard iron across the horizontal field does not count: an error of the gyro's offset moves it as well, and
+    /// the inflation would free it to go on. In a bank, which makes it observable, the mount's turn is inflated as well.
+    fn inflate_by_drift(&mut self, roll_rad: f32, heading_jacobian: &StateVector, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
-        let across = measurement_model::hard_iron_change(heading_jacobian).unit_vector();
-        let changed_across = across.dot(&(measurement_model::hard_iron_change(states) - last_hard_iron));
-        for (past, across) in self.past_drifting_states.iter_mut().zip(&across) {
-            *past += changed_across * across;
-        }
         if self.post_change_remaining_s > 0.0 {
             self.past_drifting_states = now;
         }
@@ -549,8 +552,8 @@ impl Monitor {
             *drift = now - *past;
         }
         let [x, y, z, ..] = drift;
-        let drift_across = across.dot(&Vector3::new(x, y, z));
-        let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(drift_across);
+        let across = measurement_model::hard_iron_change(heading_jacobian).unit_vector().dot(&Vector3::new(x, y, z));
+        let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(across);
         if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
@@ -752,9 +755,6 @@ impl Monitor {
         {
             return Err(NoHeading::FieldDisturbed);
         }
-        if is_gyro_implausible(states) {
-            return Err(NoHeading::AttitudeContradicted);
-        }
         if bias_rad > MAX_ATTITUDE_BIAS_RAD || states[BANK_SCALE_ERROR_INDEX].abs() > MAX_BANK_SCALE_ERROR {
             return Err(NoHeading::AttitudeContradicted);
         }
@@ -786,15 +786,6 @@ fn alternative_cause_variance_rad2(
 
 fn is_level(roll_rad: f32) -> bool {
     roll_rad.abs() <= MAX_LEVEL_BANK_RAD
-}
-
-/// Whether errors of the gyro are beyond those of a usable one: a field that does not turn resembles a gyro that turns
-/// too much.
-fn is_gyro_implausible(states: &StateVector) -> bool {
-    (FIRST_GYRO_ERROR_INDEX..STATE_COUNT).any(|i| {
-        let limit = if GYRO_RATE_OFFSET_INDICES.contains(&i) { MAX_GYRO_OFFSET_RAD_S } else { MAX_GYRO_SCALE_ERROR };
-        states[i].abs() > limit
-    })
 }
 
 #[cfg(test)]

@@ -205,11 +205,5 @@ pub(super) const GYRO_OFFSET_GROWTH_RAD_S2: f32 = 0.001;
 /// Largest variance to which that of a gyro offset is inflated, (1 deg/s)^2.
 pub(super) const MAX_GYRO_OFFSET_VARIANCE: f32 = 0.0175 * 0.0175;
 
-/// Largest gyro offset, rad/s: 8.6 deg/s.
-pub(super) const MAX_GYRO_OFFSET_RAD_S: f32 = 0.15;
-
-/// Largest scale error or cross-axis sensitivity of a gyro.
-pub(super) const MAX_GYRO_SCALE_ERROR: f32 = 0.2;
-
 /// Longest wait for the first report of the motor current, samples: 3 s, three periods of the slowest autopilot.
 pub(super) const MAX_SAMPLES_AWAITING_CURRENT: u8 = 30;
