@@ -70,13 +70,13 @@ use parameters::{
     ATTITUDE_ERROR_TIME_S, ATTITUDE_JITTER_S, ATTITUDE_SHARE_OF_CHANGE, COEFFICIENT_CORRELATION_FACTOR,
     EARTH_FIELD_SHARE_OF_CHANGE, FIELD_DRIFT_INFLATION_FACTOR, FIELD_DRIFT_TIME_S, GYRO_OFFSET_GROWTH_RAD_S2,
     GYRO_OFFSET_TIME_S, HARD_IRON_PROBABILITY, INITIAL_STEP_S, MAX_ATTITUDE_BIAS_RAD, MAX_BANK_SCALE_ERROR,
-    MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_GYRO_HEADING_GAP_S, MAX_GYRO_OFFSET_VARIANCE,
-    MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD, MAX_INFLATING_INNOVATION,
-    MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
+    MAX_DECAYING_HARD_IRON, MAX_DECAYING_MOUNT_TURN_RAD, MAX_DRIFTING_IRON_RAD, MAX_GYRO_HEADING_GAP_S,
+    MAX_GYRO_OFFSET_VARIANCE, MAX_HARD_IRON_CHANGE, MAX_HEADING_SIGMA_RAD, MAX_INCLINATION_CHANGE_RAD,
+    MAX_INFLATING_INNOVATION, MAX_INFLATING_TILT_RAD, MAX_INTEGRATED_STEP_S, MAX_LEVEL_BANK_RAD, MAX_MOUNT_TURN_RAD,
     MAX_SAMPLES_AWAITING_CURRENT, MAX_STRENGTH_CHANGE, MAX_WITHHELD_FOR_MOUNT_TURN_S, MIN_DRIFTING_MOUNT_VARIANCE,
-    MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S,
-    POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS, UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2,
-    UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
+    MIN_FIELD_DRIFT, MIN_SIN_INCLINATION, MOUNT_TURN_VARIANCE_FACTOR, POST_CHANGE_DRIFT_TIME_S,
+    POST_CHANGE_HARD_IRON_NOISE, POST_CHANGE_S, POST_CHANGE_VARIANCE_INFLATION, SAMPLE_VARIANCE_FACTORS,
+    UNEXPLAINED_CHANGE_TIME_S, UNKNOWN_ANGLE_VARIANCE_RAD2, UNOBSERVED_DECAY_TIME_S, VARIANCE_FLOORS, state_noise,
 };
 pub(super) use parameters::{MAX_SAMPLE_GAP_S, MAX_SENT_SIGMA_RAD};
 use stuck_field::StuckField;
@@ -100,7 +100,7 @@ pub(super) struct Monitor {
     /// Derivatives of the heading rate by the gyro's errors at the last sample.
     last_gyro_error_row: Option<GyroErrors>,
     mean_innovations: MeanInnovations,
-    /// Values of the [`DRIFTING_STATES`] about a minute ago.
+    /// Values of the [`DRIFTING_STATES`] about a minute ago, after a detected change some seconds.
     past_drifting_states: [f32; DRIFTING_STATES.len()],
     heading_drift: HeadingDrift,
     /// Present step of the [`noise_schedule`].
@@ -540,21 +540,24 @@ impl Monitor {
     /// Inflates all axes of hard iron by a drift of the field: unobserved axes may have drifted as much as observed
     /// ones. Hard iron across the horizontal field does not count: an error of the gyro's offset moves it as well, and
     /// the inflation would free it to go on. In a bank, which makes it observable, the mount's turn is inflated as well.
+    /// After a detected change the drift is one of seconds: what has changed is known, and may go on. Iron that turns the
+    /// heading far is not inflated: with free iron a heading of the other side explains the field as well.
     fn inflate_by_drift(&mut self, roll_rad: f32, heading_jacobian: &StateVector, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
-        if self.post_change_remaining_s > 0.0 {
-            self.past_drifting_states = now;
-        }
+        let drift_time_s =
+            if self.post_change_remaining_s > 0.0 { POST_CHANGE_DRIFT_TIME_S } else { FIELD_DRIFT_TIME_S };
         let mut drift = [0.0; DRIFTING_STATES.len()];
         for ((drift, past), now) in drift.iter_mut().zip(&mut self.past_drifting_states).zip(now) {
-            *past += (now - *past) * step_s / (FIELD_DRIFT_TIME_S + step_s);
+            *past += (now - *past) * step_s / (drift_time_s + step_s);
             *drift = now - *past;
         }
         let [x, y, z, ..] = drift;
-        let across = measurement_model::hard_iron_change(heading_jacobian).unit_vector().dot(&Vector3::new(x, y, z));
+        let by_iron = measurement_model::hard_iron_change(heading_jacobian);
+        let across = by_iron.unit_vector().dot(&Vector3::new(x, y, z));
         let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(across);
-        if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT {
+        let turned_rad = by_iron.vector_length() * measurement_model::hard_iron_change(states).vector_length();
+        if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT && turned_rad < MAX_DRIFTING_IRON_RAD {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
             if !is_level(roll_rad) {

@@ -124,7 +124,7 @@ mod tests {
     fn stuck_after(legs: &[Leg]) -> Vec<bool> {
         let (mut stuck_field, mut heading_rad, mut relative_heading_rad) = (StuckField::NOT_STUCK, 0.5_f32, 0.0);
         let mut field = Vector3::new(COS_INCLINATION, 0.0, 0.87);
-        let mut fly = |leg: &Leg| {
+        let fly = |leg: &Leg| {
             for _ in 0..300 {
                 heading_rad += leg.turn_rate_deg_s * DEG * STEP_S;
                 relative_heading_rad += (leg.turn_rate_deg_s + leg.gyro_error_deg_s) * DEG * STEP_S;
@@ -138,7 +138,7 @@ mod tests {
             }
             stuck_field.is_stuck()
         };
-        legs.iter().map(|leg| fly(leg)).collect()
+        legs.iter().map(fly).collect()
     }
 
     #[test]

@@ -219,27 +219,33 @@ fn the_heading_variance_is_threefold_while_a_change_remains_and_falls_within_a_m
 /// Other axes of the hard iron may have drifted as much as the observed one; a turn of the mount shows in a bank only.
 #[test]
 fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
-    // Drift along x relative to the field, bank, remaining time after a detected change, axis across the horizontal
-    // field; whether hard iron and mount are inflated.
-    for (drift, roll_rad, post_change_s, across, is_inflated) in [
-        (-0.01, 0.05, 0.0, 1, [true, false]),
-        (0.01, 0.4, 0.0, 1, [true, true]),
-        (0.01, -0.4, 0.0, 1, [true, true]),
-        (0.002, 0.4, 0.0, 1, [false, false]),
-        (0.01, 0.4, 1.0, 1, [false, false]),
+    // Drift along x relative to the field, samples since, bank, remaining time after a detected change, axis across the
+    // horizontal field; whether hard iron and mount are inflated.
+    for (drift, samples, roll_rad, post_change_s, across, is_inflated) in [
+        (-0.01, 1, 0.05, 0.0, 1, [true, false]),
+        (0.01, 1, 0.4, 0.0, 1, [true, true]),
+        (0.01, 1, -0.4, 0.0, 1, [true, true]),
+        (0.002, 1, 0.4, 0.0, 1, [false, false]),
+        // A change that was detected has ended after some seconds.
+        (0.01, 1, 0.4, 1.0, 1, [true, true]),
+        (0.01, 40, 0.4, 1.0, 1, [false, false]),
+        (0.01, 40, 0.4, 0.0, 1, [true, true]),
         // An error of the gyro's offset moves this axis.
-        (0.01, 0.4, 0.0, 0, [false, false]),
+        (0.01, 1, 0.4, 0.0, 0, [false, false]),
+        // With the derivative below, 34 deg of heading.
+        (0.3, 1, 0.4, 0.0, 1, [false, false]),
     ] {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
-        let before = state_variances(&monitor);
         monitor.filter.set_mean(HARD_IRON_CHANGE_INDEX, drift);
         monitor.post_change_remaining_s = post_change_s;
         let mut heading_jacobian = [0.0; STATE_COUNT];
         heading_jacobian[HARD_IRON_CHANGE_INDEX + across] = 2.0;
+        (1..samples).for_each(|_| monitor.inflate_by_drift(roll_rad, &heading_jacobian, STEP_S));
+        let before = state_variances(&monitor);
         monitor.inflate_by_drift(roll_rad, &heading_jacobian, STEP_S);
         let now = state_variances(&monitor);
         let is_larger = |i: usize| now[i] > before[i];
-        let case = format!("{drift} {roll_rad} {post_change_s} {across}");
+        let case = format!("{drift} {samples} {roll_rad} {post_change_s} {across}");
         assert_eq!(HARD_IRON_INDICES.map(is_larger), [is_inflated[0]; 3], "{case}");
         assert_eq!(is_larger(MOUNT_TURN_INDEX), is_inflated[1], "{case}");
         assert!((STRENGTH_CHANGE_INDEX..STATE_COUNT).all(|i| !is_larger(i)), "{case}");
