@@ -541,12 +541,12 @@ impl Monitor {
     /// ones. Hard iron across the horizontal field does not count: an error of the gyro's offset moves it as well, and
     /// the inflation would free it to go on. In a bank, which makes it observable, the mount's turn is inflated as well.
     /// After a detected change the drift is one of seconds: what has changed is known, and may go on. Iron that turns the
-    /// heading far is not inflated: with free iron a heading of the other side explains the field as well.
+    /// heading far is not inflated then: with free iron a heading of the other side explains the field as well.
     fn inflate_by_drift(&mut self, roll_rad: f32, heading_jacobian: &StateVector, step_s: f32) {
         let states = self.filter.mean();
         let now: [f32; DRIFTING_STATES.len()] = DRIFTING_STATES.map(|i| states[i]);
-        let drift_time_s =
-            if self.post_change_remaining_s > 0.0 { POST_CHANGE_DRIFT_TIME_S } else { FIELD_DRIFT_TIME_S };
+        let is_after_change = self.post_change_remaining_s > 0.0;
+        let drift_time_s = if is_after_change { POST_CHANGE_DRIFT_TIME_S } else { FIELD_DRIFT_TIME_S };
         let mut drift = [0.0; DRIFTING_STATES.len()];
         for ((drift, past), now) in drift.iter_mut().zip(&mut self.past_drifting_states).zip(now) {
             *past += (now - *past) * step_s / (drift_time_s + step_s);
@@ -557,7 +557,8 @@ impl Monitor {
         let across = by_iron.unit_vector().dot(&Vector3::new(x, y, z));
         let drift_squared = drift.iter().map(|drift| drift * drift).sum::<f32>() - square(across);
         let turned_rad = by_iron.vector_length() * measurement_model::hard_iron_change(states).vector_length();
-        if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT && turned_rad < MAX_DRIFTING_IRON_RAD {
+        let is_far = is_after_change && turned_rad > MAX_DRIFTING_IRON_RAD;
+        if drift_squared > MIN_FIELD_DRIFT * MIN_FIELD_DRIFT && !is_far {
             let variance = FIELD_DRIFT_INFLATION_FACTOR * drift_squared * step_s / FIELD_DRIFT_TIME_S;
             self.inflate_states(&HARD_IRON_INDICES, variance);
             if !is_level(roll_rad) {

@@ -189,12 +189,11 @@ pub(super) const READING_GATE_SIGMAS: f32 = 4.5;
 
 /// Time over which a drift of the field is measured, seconds.
 pub(super) const FIELD_DRIFT_TIME_S: f32 = 60.0;
-/// The same after a detected change, seconds. Without that drift iron that passes within 30 s made 0.5 to 1 % of planes' headings bad and
-/// emptied up to 47 %, and iron that follows a copter's throttle made 3 % bad; now 0, 26 and 0.6 %. With 5 s the sigma after a step is
-/// 1.5 times as large.
+/// The same after a detected change, seconds. Without that drift iron that passes within 30 s made 0.5 to 1 % of planes' headings bad, and
+/// iron that follows a copter's throttle 4 %; now 0 and 0.9 %. With 5 s the sigma after a step is 1.5 times as large.
 pub(super) const POST_CHANGE_DRIFT_TIME_S: f32 = 2.0;
-/// Angle by which hard iron turns the heading at most while a drift inflates it, radians: 29 deg. Without the limit two of 308 planes had
-/// headings 130 and 180 deg off after a step of iron.
+/// Angle by which hard iron turns the heading at most while such a drift inflates it, radians: 29 deg. Without the limit two of 308 planes
+/// had headings 130 and 180 deg off after a step of iron.
 pub(super) const MAX_DRIFTING_IRON_RAD: f32 = 0.5;
 /// Smallest drift of the field within that time that inflates the covariance, relative to the field strength.
 pub(super) const MIN_FIELD_DRIFT: f32 = 0.004;

@@ -233,7 +233,8 @@ fn a_drift_inflates_hard_iron_and_in_a_bank_the_mount() {
         // An error of the gyro's offset moves this axis.
         (0.01, 1, 0.4, 0.0, 0, [false, false]),
         // With the derivative below, 34 deg of heading.
-        (0.3, 1, 0.4, 0.0, 1, [false, false]),
+        (0.3, 1, 0.4, 1.0, 1, [false, false]),
+        (0.3, 1, 0.4, 0.0, 1, [true, true]),
     ] {
         let mut monitor = Monitor::new(SensorErrorSigmas::DEFAULT);
         monitor.filter.set_mean(HARD_IRON_CHANGE_INDEX, drift);
