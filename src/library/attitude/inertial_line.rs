@@ -136,9 +136,9 @@ impl InertialLine {
         self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
         let is_late = self.latency_estimator.latency_us() > 0;
         let rates = if is_late { own_rates } else { measured.or(own_rates) };
-        self.gyro_offset = own_rates.map(|_| match measured {
+        self.gyro_offset = own_rates.and_then(|_| match measured {
             Some(_) if !is_late => self.rate_comparison.autopilot_offset(self.rest_offset_variance),
-            _ => GyroOffset::of_own_rates(self.rest_offset_variance),
+            _ => Some(GyroOffset::of_own_rates(self.rest_offset_variance)),
         });
         let improved = AttitudeReport {
             attitude: self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude),

@@ -42,8 +42,10 @@ const MIN_AGREEING_RATE_RAD_S: f32 = 10.0 * DEG;
 const MIN_PREDICTION_ERROR_RAD: f32 = 0.035;
 const MAX_ERROR_RATIO: f32 = 0.5;
 
-/// Error of the difference of two gyros' offsets, relative to the mean rotation, by their scales.
-const SCALE_DIFFERENCE: f32 = 0.05;
+/// Fastest mean rotation in which the difference of the rates is one of offsets, rad/s, and its error relative to that rotation, by the
+/// scales. In turns an error of 10 % of either gyro would be an offset.
+const MAX_OFFSET_RATE_RAD_S: f32 = 6.0 * DEG;
+const SCALE_DIFFERENCE: f32 = 0.03;
 
 /// Difference of own and autopilot's body rates, and its consequence.
 #[derive(Debug)]
@@ -133,12 +135,13 @@ impl RateComparison {
         };
     }
 
-    /// Offset of the autopilot's gyro against the own one, whose offset has this variance, (rad/s)^2.
-    pub fn autopilot_offset(&self, own_variance: f32) -> GyroOffset {
-        GyroOffset {
+    /// Offset of the autopilot's gyro against the own one, whose offset has this variance, (rad/s)^2; `None` in a turn.
+    pub fn autopilot_offset(&self, own_variance: f32) -> Option<GyroOffset> {
+        let rate_rad_s = self.mean_own_rad_s.vector_length();
+        (rate_rad_s < MAX_OFFSET_RATE_RAD_S).then(|| GyroOffset {
             rad_s: self.mean_autopilot_rad_s - self.mean_own_rad_s,
-            variance: own_variance + square(SCALE_DIFFERENCE * self.mean_own_rad_s.vector_length()),
-        }
+            variance: own_variance + square(SCALE_DIFFERENCE * rate_rad_s),
+        })
     }
 
     /// Ends a contradiction that a long latency explains.
@@ -207,24 +210,24 @@ mod tests {
         }
     }
 
-    /// In a turn the scales differ by 5 %, too.
+    /// In a turn scales differ, too.
     #[test]
-    fn the_difference_of_the_rates_is_that_of_the_offsets_within_its_variance() {
+    fn a_difference_of_offsets_shows_outside_turns() {
         let offset_deg_s = [0.1, -0.3, 0.2];
-        for turn_deg_s in [0.0, 3.0, 30.0] {
+        for (turn_deg_s, is_shown) in [(0.0, true), (3.0, true), (9.0, false)] {
             let mut comparison = RateComparison::new();
             for i in 0..1000_u16 {
-                let own = [0.01, 0.0, turn_deg_s].map(|rate_deg_s: f32| rate_deg_s * DEG);
-                let autopilot = core::array::from_fn(|axis| 1.05 * own[axis] + offset_deg_s[axis] * DEG);
-                let [own, autopilot] = [own, autopilot].map(|rates| BodyRates::from_rad_s(rates).unwrap());
+                let [own, autopilot] = [[0.0; 3], offset_deg_s].map(|[p, q, r]: [f32; 3]| {
+                    BodyRates::from_rad_s([p + 0.01, q, r + turn_deg_s].map(f32::to_radians)).unwrap()
+                });
                 comparison.compare_rates(report_time(i), own, autopilot, None);
             }
-            let GyroOffset { rad_s, variance } = comparison.autopilot_offset(square(0.01 * DEG));
-            let [error_rad_s, sigma_rad_s] = [(rad_s - Vector3::from(offset_deg_s) * DEG).amax(), variance.sqrt()];
-            assert!(
-                error_rad_s < sigma_rad_s && sigma_rad_s < (0.012 + 0.05 * turn_deg_s) * DEG,
-                "{turn_deg_s}: {rad_s}"
-            );
+            let found = comparison.autopilot_offset(1e-8);
+            assert_eq!(found.is_some(), is_shown, "{turn_deg_s}");
+            if let Some(GyroOffset { rad_s, variance }) = found {
+                let error = rad_s - Vector3::from(offset_deg_s) * DEG;
+                assert!(error.amax() < 0.01 * DEG && variance >= 1e-8, "{turn_deg_s}: {rad_s} {variance}");
+            }
         }
     }
 
