@@ -375,11 +375,12 @@ fn an_upset_of_the_own_gyro_does_not_turn_the_heading() {
     }
 }
 
-/// The own gyro shows within a movement that the autopilot's attitude is late, which is corrected, hangs or leans. Measured over 40 flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad. Before the vertical was compared in the
-/// gyro's frame, axis by axis, the first four were 0.02, 0.0, 1.7 and 6.4 %; before the field arbitrated between the own gyro and rates
-/// that are computed from a leaning attitude, the next two 2.0 and 1.3 %. Of copters that lean in hover, where no rate shows it, 0.3 %, and
-/// before the own vertical was compared 2.2 %. Of planes by INAV beside which iron passes 0 %, 0.1 over 60 flights, and 8 before the own
-/// vertical showed the errors of roll and pitch.
+/// The own gyro shows within a movement that the autopilot's attitude is late, which is corrected, hangs or leans. Measured over 40
+/// flights of each from seed 1: 0.02, 0, 0, 0.1, 0.5 and 0.04 % bad. Before the vertical was compared in the gyro's frame, axis by axis,
+/// the first four were 0.02, 0.0, 1.7 and 6.4 %; before the field arbitrated between the own gyro and rates that are computed from a
+/// leaning attitude, the next two 2.0 and 1.3 %. Of copters that lean in hover, where no rate shows it, 0.3 %, and before the own vertical
+/// was compared 2.2 %. Of planes by INAV beside which iron passes 0 %, 0.1 over 60 flights, and 8 before the own vertical showed the
+/// errors of roll and pitch.
 #[test]
 fn the_own_gyro_checks_the_autopilots_attitude() {
     let automatic = IntegrityPlan { attitude: AttitudeSource::Automatic, ..TEST_PLAN };
@@ -416,10 +417,10 @@ fn headings_beside_the_own_gyro_are_as_accurate_by_each_link() {
     }
 }
 
-/// A sensor that repeats one field with noise is found in the first turn, by the field that turns with the aircraft; until then the
-/// heading errs by what was turned. The seeds have the flights with the largest errors before that, of up to 76, 123, 80, 48 and 32 deg,
-/// and copters with 18 % bad before the own gyro showed the offset of the autopilot's. Measured over 100 flights of each: 0.1 to 0.9 % bad
-/// and at most 32 deg with an own gyro; without one 0.1 to 2.4 % and 34 deg, of copters by INAV 60 deg.
+/// A sensor that repeats one field with noise is found in the first turn, because the field turns with the aircraft. Until it is found
+/// the heading stays where it was. Before this rule the flights of these seeds had errors of up to 123 deg, and 18 % bad, the copters
+/// from 52 on before the own gyro showed the offset of the autopilot's. Measured over 100 flights of each: 0.1 to 0.9 % bad and at most
+/// 32 deg with an own gyro; without one 0.1 to 2.4 % and 34 deg, of copters by INAV 60 deg.
 #[test]
 fn a_stuck_sensor_is_found_in_a_turn() {
     use AttitudeSource::{Automatic, Autopilot, Own};
@@ -427,13 +428,16 @@ fn a_stuck_sensor_is_found_in_a_turn() {
         (Automatic, VehicleKind::Vtol, Mavlink, 20, 1.0),
         (Automatic, VehicleKind::Copter, Mavlink, 52, 1.0),
         (Automatic, VehicleKind::Copter, Msp, 1, 2.0),
+        (Automatic, VehicleKind::Plane, Mavlink, 40, 1.0),
         (Own, VehicleKind::Vtol, Mavlink, 40, 1.0),
+        (Own, VehicleKind::Copter, Mavlink, 20, 1.0),
+        (Own, VehicleKind::Plane, Mavlink, 7, 1.0),
         (Autopilot, VehicleKind::Plane, Msp, 49, 3.0),
         (Autopilot, VehicleKind::Plane, MspInav, 1, 3.0),
     ] {
         let plan = IntegrityPlan { attitude, aircraft, attitude_protocol, flights_per_case: 8, seed, ..TEST_PLAN };
         for row in run_whole_plan(plan, &["stuck-noisy"]) {
-            assert!(row.bad_percent <= bad_percent && row.worst_deg <= 40.0, "{row:?}");
+            assert!(row.bad_percent <= bad_percent && row.worst_deg <= 40.0 && row.rms_deg <= 10.0, "{row:?}");
             assert!((85.0..=97.0).contains(&row.empty_percent), "{row:?}");
         }
     }
@@ -506,8 +510,8 @@ fn wrong_body_rates_in_turns_are_detected() {
     }
 }
 
-/// Iron that goes on moving after its change was detected: bad 0 and 0.1 %, and 2.7 and 1.0 without a drift after the detection. Seeds are
-/// those with most of it.
+/// Iron that goes on moving after its change was detected: 0 and 0.1 % bad, without a drift after the detection 2.7 and 1.0. These seeds
+/// have more bad headings than others.
 #[test]
 fn iron_that_goes_on_moving_is_followed() {
     for (aircraft, seed, case) in [(VehicleKind::Plane, 604, "passing-10-30s"), (VehicleKind::Copter, 20, "throttle-5")]

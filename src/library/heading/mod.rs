@@ -106,7 +106,7 @@ pub enum NoHeading {
     Uncalibrated,
     /// The corrected field is not the Earth's: external iron, a current, or an outdated calibration.
     FieldDisturbed,
-    /// Hard iron changed since the calibration and is not yet estimated well enough.
+    /// Hard iron changed since the calibration and is not yet estimated well enough; or the field turns with the aircraft.
     FieldChanged,
     /// Attitude, body rates and field are inconsistent, most likely due to the attitude.
     AttitudeContradicted,

@@ -54,8 +54,8 @@ const MAX_GROSS_SAMPLES: u8 = 13;
 const WITHHOLDING_S: f32 = 4.0;
 
 /// Time withheld, or with states beyond their limits, after which the states no longer explain the field, seconds: four detected changes.
-/// It is forgotten with the time constant below. States that ran away come back within their limits by chance: without the required turn
-/// 1.0 % of planes' headings beside passing iron of 50 uT are bad, with it 0.4.
+/// It is forgotten with the time constant below. States that ran away come back within their limits by chance. Beside passing iron of 50
+/// uT, where 1.0 % of planes' headings were bad without this limit on states, none are any more; it empties 45 % of them, without it 38.
 const MAX_WITHHELD_S: f32 = 16.0;
 const WITHHELD_FORGETTING_TIME_S: f32 = 60.0;
 

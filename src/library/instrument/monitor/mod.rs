@@ -212,7 +212,8 @@ impl Monitor {
         }
         if self.stuck_field.is_stuck() {
             self.reset_states(is_own_attitude);
-            self.output.validity = Err(NoHeading::SensorStuck);
+            // The sensor, or an attitude of another vehicle: nothing here tells which.
+            self.output.validity = Err(NoHeading::FieldChanged);
             return;
         }
         self.acceleration_tilt.update_tilt(

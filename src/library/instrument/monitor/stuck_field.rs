@@ -3,7 +3,7 @@
 //! While an aircraft turns, the Earth's field changes in the body and not in the Earth's axes; that of a stuck sensor does the
 //! opposite. Exponential mean squares measure both scatters. The Earth's axes are the level ones, turned back by the gyro's heading:
 //! their direction is unknown, and constant. Explained by the monitor's states, a stuck field becomes hard iron, a gyro that turns too
-//! much, or a turned mount: headings had errors of up to 180 deg, and now of up to 30.
+//! much, or a turned mount: headings had errors of up to 180 deg, and now of up to 34, by rates in whole degrees 60.
 
 use nalgebra::Vector3;
 

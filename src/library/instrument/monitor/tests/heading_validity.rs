@@ -33,6 +33,22 @@ fn estimated_changes_beyond_their_limits_withhold_the_heading() {
     }
 }
 
+/// The sensor may be stuck, or the attitude that of another vehicle, whose sender a changed field releases.
+#[test]
+fn a_field_that_turns_with_the_aircraft_has_changed() {
+    let mut flight = Flight::new(3);
+    let field = RollPitch::default().to_body_frame(Field::earth_field(TOTAL_UT, INCLINATION_RAD, 0.5));
+    for i in 0..100_u8 {
+        flight.sample_count += 1;
+        let euler_rates = EulerRates { heading_rad_s: 0.2, ..EulerRates::default() };
+        let gyro_heading = GyroHeading { euler_rates, relative_heading_rad: 0.02 * f32::from(i), run_number: 0 };
+        flight.process_sample(Sample::new(Field::new(field.ut), RollPitch::default()), Some(gyro_heading));
+    }
+    assert_eq!(flight.monitor.monitor_output().validity, Err(NoHeading::FieldChanged));
+    let states = *flight.monitor.filter.mean();
+    assert!(states.iter().all(|state| *state == 0.0), "it starts again: {states:?}");
+}
+
 /// 5 uT are significant at a sigma of 0.5 uT, but not if errors of the coefficients may look like 1.5 uT.
 #[test]
 fn coefficient_errors_are_not_reported_as_hard_iron() {
