@@ -6,7 +6,7 @@ use super::autopilot_errors::{AutopilotErrors, GyroOffset};
 use super::carried_vertical::CarriedVertical;
 use super::gyro_frame::{GyroFrame, MAX_STEP_US};
 use super::latency_estimator::LatencyEstimator;
-use super::rate_comparison::RateComparison;
+use super::rate_comparison::{RateComparison, UsableRates};
 use super::report::{AttitudeReport, BodyRates};
 use super::report_queue::ReportQueue;
 use super::sender_selector::SenderId;
@@ -131,20 +131,21 @@ impl InertialLine {
         if !HAS_OWN_ATTITUDE {
             return (report, None);
         }
-        let measured = report.body_rates.filter(|rates| !rates.is_rough());
-        let own_rates = self.checked_body_rates_at(at, report.body_rates, field_direction);
         self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
-        let is_late = self.latency_estimator.latency_us() > 0;
-        let rates = if is_late { own_rates } else { measured.or(own_rates) };
+        let (usable, own_rates) = self.usable_rates_at(at, report.body_rates, field_direction);
+        let measured = report.body_rates.filter(|rates| !rates.is_rough());
+        let body_rates = match usable {
+            UsableRates::Both => measured.or(own_rates).or(report.body_rates),
+            UsableRates::Own => own_rates,
+            UsableRates::Autopilots => report.body_rates,
+            UsableRates::Neither => None,
+        };
         self.gyro_offset = own_rates.and_then(|_| match measured {
-            Some(_) if !is_late => self.rate_comparison.autopilot_offset(self.rest_offset_variance),
+            Some(_) if usable == UsableRates::Both => self.rate_comparison.autopilot_offset(self.rest_offset_variance),
             _ => Some(GyroOffset::of_own_rates(self.rest_offset_variance)),
         });
-        let improved = AttitudeReport {
-            attitude: self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude),
-            body_rates: rates.or(report.body_rates),
-            ..report
-        };
+        let attitude = self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude);
+        let improved = AttitudeReport { attitude, body_rates, ..report };
         (improved, own_rates)
     }
 
@@ -169,7 +170,7 @@ impl InertialLine {
 
     fn comparable_tilts(&self) -> Option<&TiltComparison> {
         let is_comparable =
-            HAS_OWN_ATTITUDE && self.estimates_in_use().is_none() && !self.rate_comparison.is_contradicted();
+            HAS_OWN_ATTITUDE && self.estimates_in_use().is_none() && !self.rate_comparison.are_own_refused();
         is_comparable.then_some(&self.tilt_comparison)
     }
 
@@ -186,30 +187,33 @@ impl InertialLine {
 
     /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.
     pub fn carried_attitude_at(&self, at: Timestamp) -> Option<RollPitch> {
-        if HAS_OWN_ATTITUDE && !self.rate_comparison.is_contradicted() {
+        if HAS_OWN_ATTITUDE && !self.rate_comparison.are_own_refused() {
             self.carried_vertical.attitude_at(&self.gyro_frame, at)
         } else {
             None
         }
     }
 
-    /// Own body rates at the instant of an autopilot's report, unless its body rates contradict them, and no long latency explains it.
-    fn checked_body_rates_at(
+    /// Which rates may be used at the instant of an autopilot's report, and the own ones, if they may. A long latency explains any
+    /// difference.
+    fn usable_rates_at(
         &mut self,
         at: Timestamp,
-        autopilot_rates: Option<BodyRates>,
+        autopilots: Option<BodyRates>,
         field_direction: Option<Vector3<f32>>,
-    ) -> Option<BodyRates> {
-        let rates = self.estimates.body_rates_at(at, MAX_OWN_GAP_US)?;
-        if self.latency_estimator.latency_us() > 0 {
-            self.rate_comparison.forgive_contradiction();
-            return Some(rates);
-        }
-        let is_usable = match autopilot_rates {
-            Some(autopilot) => self.rate_comparison.compare_rates(at, rates, autopilot, field_direction),
-            None => !self.rate_comparison.is_contradicted(),
+    ) -> (UsableRates, Option<BodyRates>) {
+        let Some(own) = self.estimates.body_rates_at(at, MAX_OWN_GAP_US) else {
+            return (UsableRates::Autopilots, None);
         };
-        is_usable.then_some(rates)
+        let usable = if self.latency_estimator.latency_us() > 0 {
+            self.rate_comparison.forgive_difference();
+            UsableRates::Own
+        } else if let Some(autopilots) = autopilots {
+            self.rate_comparison.compare_rates(at, own, autopilots, field_direction)
+        } else {
+            self.rate_comparison.usable()
+        };
+        (usable, Some(own).filter(|_| matches!(usable, UsableRates::Both | UsableRates::Own)))
     }
 
     /// Latency of the autopilot's attitude that is corrected, microseconds.
@@ -217,14 +221,19 @@ impl InertialLine {
         self.latency_estimator.latency_us()
     }
 
+    /// Whether own rates replace wrong ones.
+    pub fn are_rates_replaced(&self) -> bool {
+        self.rate_comparison.usable() == UsableRates::Own
+    }
+
     /// Number of reports whose body rates contradicted the own ones.
     pub const fn rejected_rates(&self) -> u32 {
-        self.rate_comparison.difference_count()
+        self.rate_comparison.unsupported_count()
     }
 
     /// Body rates at an instant.
     pub fn body_rates_at(&self, at: Timestamp) -> Option<BodyRates> {
-        if HAS_OWN_ATTITUDE && !self.rate_comparison.is_contradicted() {
+        if HAS_OWN_ATTITUDE && !self.rate_comparison.are_own_refused() {
             self.estimates.body_rates_at(at, MAX_OWN_GAP_US)
         } else {
             None

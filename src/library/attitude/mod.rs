@@ -130,6 +130,12 @@ impl AttitudeTrack {
         self.own.corrected_latency_us()
     }
 
+    /// Whether own body rates replace the autopilot's, which are wrong.
+    #[must_use]
+    pub fn are_rates_replaced(&self) -> bool {
+        self.own.are_rates_replaced()
+    }
+
     /// Counts of rejected reports.
     #[must_use]
     pub const fn rejected_reports(&self) -> RejectedReports {

@@ -2,7 +2,8 @@
 //!
 //! Either may be wrong. The field, which moves in body axes by the true rates, shows which, if its motion depends on the difference. With
 //! stuck or clipped own rates, by MSP, a tenth as many headings are bad as without the field. Otherwise the own rates are not used: an
-//! autopilot's are those of a module without a gyro.
+//! autopilot's are those of a module without a gyro. If its rates differ by more than a gyro's errors, as with a wrong sign or unit, the
+//! own ones replace them.
 
 use nalgebra::Vector3;
 
@@ -20,18 +21,19 @@ const MEAN_TIME_S: f32 = MOTION_MEMORY_S;
 const MAX_LATENCY_S: f32 = 0.05;
 
 /// Allowed mean difference, rad/s, and relative to the autopilot's rates: offsets and scales of two gyros. Of rates clipped at 8 deg/s,
-/// by MSP, ten times as many headings are bad with 1.5 deg/s, 10 % and 0.5 s.
+/// by MSP, ten times as many headings are bad with 1.5 deg/s, 10 % and 0.5 s. After a difference half of it is allowed until they agree.
 const MAX_DIFFERENCE_RAD_S: f32 = 0.8 * DEG;
 const MAX_RELATIVE_DIFFERENCE: f32 = 0.06;
+const AGREEING_SHARE: f32 = 0.5;
 
-/// Differing reports in a row that are a contradiction: 0.3 s at 40 Hz.
-const MAX_DIFFERING_REPORTS: u8 = 12;
+/// Reports in a row without support for the own rates after which these are not used: 0.3 s at 40 Hz.
+const MAX_UNSUPPORTED_REPORTS: u8 = 12;
 
-/// Agreeing reports in a row, in rotation, that end a contradiction: 6 s at 40 Hz. Of rates clipped at 8 deg/s, by MSP, 0.01 % of the
-/// headings are bad, with 3 s 0.1 %.
+/// Agreeing reports in a row, in rotation, after which both are used again: 6 s at 40 Hz. Of rates clipped at 8 deg/s, by MSP, 0.01 % of
+/// the headings are bad, with 3 s 0.1 %.
 const MIN_AGREEING_REPORTS: u8 = 250;
 
-/// Weight of a differing report whose own rates the field supports, in agreeing reports: it ends a contradiction after 0.3 s.
+/// Weight of a differing report whose own rates the field supports, in agreeing reports: own rates are used again after 0.3 s.
 const SUPPORTED_REPORT_WEIGHT: u8 = 20;
 
 /// Slowest rotation in which an agreement counts, rad/s: a turn.
@@ -47,7 +49,27 @@ const MAX_ERROR_RATIO: f32 = 0.5;
 const MAX_OFFSET_RATE_RAD_S: f32 = 6.0 * DEG;
 const SCALE_DIFFERENCE: f32 = 0.03;
 
-/// Difference of own and autopilot's body rates, and its consequence.
+/// Which rates may be used.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum UsableRates {
+    Both,
+    Autopilots,
+    Own,
+    /// They differ, and it is not yet known which are wrong.
+    Neither,
+}
+
+/// What a report and the field show.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Verdict {
+    Agreement,
+    /// The rates differ, and the field supports neither.
+    Difference,
+    OwnSupported,
+    AutopilotsSupported,
+}
+
+/// Difference of own and autopilot's body rates, and its consequence. Own rates replace rough ones in any case.
 #[derive(Debug)]
 pub(super) struct RateComparison {
     updated_at: Timestamp,
@@ -55,11 +77,11 @@ pub(super) struct RateComparison {
     field_motion: [VectorMotion; 2],
     mean_own_rad_s: Vector3<f32>,
     mean_autopilot_rad_s: Vector3<f32>,
-    differing_reports: u8,
+    unsupported_reports: u8,
     agreeing_reports: u8,
-    is_contradicted: bool,
-    /// Number of differing reports, wraps.
-    difference_count: u32,
+    usable: UsableRates,
+    /// Number of reports that do not support the own rates, wraps.
+    unsupported_count: u32,
 }
 
 impl RateComparison {
@@ -69,22 +91,21 @@ impl RateComparison {
             field_motion: [VectorMotion::new(), VectorMotion::new()],
             mean_own_rad_s: Vector3::new(0.0, 0.0, 0.0),
             mean_autopilot_rad_s: Vector3::new(0.0, 0.0, 0.0),
-            differing_reports: 0,
+            unsupported_reports: 0,
             agreeing_reports: 0,
-            is_contradicted: false,
-            difference_count: 0,
+            usable: UsableRates::Both,
+            unsupported_count: 0,
         }
     }
 
-    /// Compares the rates of an instant, at which the field has this direction in body axes; returns whether the own ones may be used
-    /// there.
+    /// Compares the rates of an instant, at which the field has this direction in body axes; returns which may be used there.
     pub fn compare_rates(
         &mut self,
         at: Timestamp,
         own: BodyRates,
         autopilot: BodyRates,
         field_direction: Option<Vector3<f32>>,
-    ) -> bool {
+    ) -> UsableRates {
         let [own_rad_s, autopilot_rad_s] = [own, autopilot].map(|rates| Vector3::from(rates.rad_s()));
         let step_s = (at.us_since(self.updated_at) as f32 * 1e-6).min(MEAN_TIME_S);
         let weight = step_s / MEAN_TIME_S;
@@ -96,43 +117,64 @@ impl RateComparison {
         self.updated_at = at;
         self.mean_own_rad_s += (own_rad_s - self.mean_own_rad_s) * weight;
         self.mean_autopilot_rad_s += (autopilot_rad_s - self.mean_autopilot_rad_s) * weight;
-        let agreement = self.agreement(own_rad_s);
-        self.count_report(agreement, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
-        agreement > 0 && !self.is_contradicted
+        let verdict = self.verdict(own_rad_s);
+        self.count_report(verdict, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
+        self.usable = self.usable_after(verdict, autopilot.is_rough());
+        match (self.usable, verdict) {
+            (UsableRates::Both, Verdict::Difference) if !autopilot.is_rough() => UsableRates::Neither,
+            (_, Verdict::Difference | Verdict::AutopilotsSupported) => UsableRates::Autopilots,
+            (usable, _) => usable,
+        }
     }
 
-    /// Weight of a report with these own rates, in agreeing reports; 0 if its rates differ.
-    fn agreement(&self, own_rad_s: Vector3<f32>) -> u8 {
-        let by_latency_rad_s = (own_rad_s - self.mean_own_rad_s).vector_length() * (MAX_LATENCY_S / MEAN_TIME_S);
-        let allowed_rad_s = MAX_DIFFERENCE_RAD_S
-            + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length()
-            + by_latency_rad_s;
-        let differs = (self.mean_own_rad_s - self.mean_autopilot_rad_s).amax() > allowed_rad_s;
+    fn verdict(&self, own_rad_s: Vector3<f32>) -> Verdict {
         let [own_error_rad, autopilot_error_rad] = self.field_motion.each_ref().map(VectorMotion::error_rad);
-        if differs && is_clearly_smaller(own_error_rad, autopilot_error_rad) {
-            SUPPORTED_REPORT_WEIGHT
+        let by_latency_rad_s = (own_rad_s - self.mean_own_rad_s).vector_length() * (MAX_LATENCY_S / MEAN_TIME_S);
+        let by_gyros_rad_s = MAX_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length();
+        let were_autopilots_wrong = self.usable == UsableRates::Own;
+        let allowed_share = if were_autopilots_wrong { AGREEING_SHARE } else { 1.0 };
+        let difference_rad_s = (self.mean_own_rad_s - self.mean_autopilot_rad_s).amax();
+        if is_clearly_smaller(autopilot_error_rad, own_error_rad) {
+            Verdict::AutopilotsSupported
+        } else if difference_rad_s <= allowed_share * (by_gyros_rad_s + by_latency_rad_s) {
+            Verdict::Agreement
+        } else if were_autopilots_wrong || is_clearly_smaller(own_error_rad, autopilot_error_rad) {
+            Verdict::OwnSupported
         } else {
-            u8::from(!differs && !is_clearly_smaller(autopilot_error_rad, own_error_rad))
+            Verdict::Difference
         }
     }
 
-    /// Counts a report of this weight in agreeing reports; 0 if its rates differ.
-    fn count_report(&mut self, agreement: u8, is_rotating: bool) {
-        if agreement == 0 {
-            self.difference_count = self.difference_count.wrapping_add(1);
-            self.differing_reports = self.differing_reports.saturating_add(1);
-            self.agreeing_reports = 0;
-        } else {
-            self.differing_reports = 0;
-            if is_rotating {
-                self.agreeing_reports = self.agreeing_reports.saturating_add(agreement);
-            }
-        }
-        self.is_contradicted = if self.is_contradicted {
-            self.agreeing_reports < MIN_AGREEING_REPORTS
-        } else {
-            self.differing_reports >= MAX_DIFFERING_REPORTS
+    fn count_report(&mut self, verdict: Verdict, is_rotating: bool) {
+        let agreeing_weight = match (verdict, self.usable) {
+            (Verdict::Agreement, _) => 1,
+            (Verdict::OwnSupported, UsableRates::Autopilots) => SUPPORTED_REPORT_WEIGHT,
+            _ => 0,
         };
+        if agreeing_weight == 0 {
+            self.agreeing_reports = 0;
+        } else if is_rotating {
+            self.agreeing_reports = self.agreeing_reports.saturating_add(agreeing_weight);
+        }
+        if matches!(verdict, Verdict::Difference | Verdict::AutopilotsSupported) {
+            self.unsupported_count = self.unsupported_count.wrapping_add(1);
+            self.unsupported_reports = self.unsupported_reports.saturating_add(1);
+        } else {
+            self.unsupported_reports = 0;
+        }
+    }
+
+    fn usable_after(&self, verdict: Verdict, are_autopilots_rough: bool) -> UsableRates {
+        match self.usable {
+            UsableRates::Both if verdict == Verdict::OwnSupported && !are_autopilots_rough => UsableRates::Own,
+            UsableRates::Both | UsableRates::Own if self.unsupported_reports >= MAX_UNSUPPORTED_REPORTS => {
+                UsableRates::Autopilots
+            }
+            UsableRates::Own | UsableRates::Autopilots if self.agreeing_reports >= MIN_AGREEING_REPORTS => {
+                UsableRates::Both
+            }
+            usable => usable,
+        }
     }
 
     /// Offset of the autopilot's gyro against the own one, whose offset has this variance, (rad/s)^2; `None` in a turn.
@@ -144,17 +186,22 @@ impl RateComparison {
         })
     }
 
-    /// Ends a contradiction that a long latency explains.
-    pub const fn forgive_contradiction(&mut self) {
-        self.is_contradicted = false;
+    /// Uses both rates again, whose difference a long latency explains.
+    pub const fn forgive_difference(&mut self) {
+        self.usable = UsableRates::Both;
     }
 
-    pub const fn is_contradicted(&self) -> bool {
-        self.is_contradicted
+    /// Which rates may be used, after the reports so far; never `Neither`.
+    pub const fn usable(&self) -> UsableRates {
+        self.usable
     }
 
-    pub const fn difference_count(&self) -> u32 {
-        self.difference_count
+    pub fn are_own_refused(&self) -> bool {
+        self.usable == UsableRates::Autopilots
+    }
+
+    pub const fn unsupported_count(&self) -> u32 {
+        self.unsupported_count
     }
 }
 
@@ -169,9 +216,9 @@ mod tests {
     use super::*;
     use crate::frames::{Field, RollPitch};
 
-    /// Times, seconds, at which the own rates are refused and used again, of 100 s of rolls into turns and out of them, at 50 Hz, with an
-    /// autopilot's latency, and errors of the own and of its rates of each axis, deg/s, from 30 to 50 s. A field is known or not.
-    fn changes_s(latency_s: f32, errors_deg_s: [f32; 2], is_field_known: bool) -> Vec<f32> {
+    /// Times, seconds, after which other rates are usable, of 100 s of rolls into turns and out of them, at 50 Hz, with an autopilot's
+    /// latency, and errors of the own and of its rates of each axis, deg/s, from 30 to 50 s. A field is known or not.
+    fn changes(latency_s: f32, errors_deg_s: [f32; 2], is_field_known: bool) -> Vec<(f32, UsableRates)> {
         let (mut comparison, mut changes) = (RateComparison::new(), Vec::new());
         let rates = |t_s: f32, error_deg_s: f32| {
             let [[heading, roll], [heading_before, roll_before]] = [t_s, t_s - 0.02].map(heading_and_roll_in_turns_deg);
@@ -186,27 +233,41 @@ mod tests {
             let [heading_deg, roll_deg] = heading_and_roll_in_turns_deg(t_s);
             let level = Field::new(Field::earth_field(1.0, 1.1, heading_deg.to_radians()).ut);
             let field = is_field_known.then(|| RollPitch::from_deg(roll_deg, 0.0).to_body_frame(level).ut);
-            let was_contradicted = comparison.is_contradicted();
+            let usable_before = comparison.usable();
             let [own, autopilot] = [rates(t_s, own_error_deg_s), rates(t_s - latency_s, autopilot_error_deg_s)];
             comparison.compare_rates(report_time(i), own, autopilot, field);
-            if comparison.is_contradicted() != was_contradicted {
-                changes.push(t_s);
+            if comparison.usable() != usable_before {
+                changes.push((t_s, comparison.usable()));
             }
         }
         changes
     }
 
-    /// An error of 5 deg/s is refused within two seconds, and used again after a turn.
+    /// Rates with an error of 5 deg/s are not used after two seconds, and used again after a turn. Without a field they are taken for the
+    /// own ones'.
     #[test]
-    fn wrong_rates_are_refused_until_they_agree_in_a_turn() {
+    fn wrong_rates_are_not_used_until_they_agree_in_a_turn() {
+        use UsableRates::{Autopilots, Both, Own};
+        for (errors_deg_s, is_field_known, usable) in [
+            ([5.0, 0.0], false, Autopilots),
+            ([0.0, 5.0], false, Autopilots),
+            ([5.0, 0.0], true, Autopilots),
+            ([0.0, 5.0], true, Own),
+        ] {
+            let changes = changes(0.0, errors_deg_s, is_field_known);
+            let [(from_s, found), (until_s, Both)] = changes[..] else { panic!("{errors_deg_s:?}: {changes:?}") };
+            assert!(found == usable && (30.0..32.0).contains(&from_s), "{errors_deg_s:?}: {changes:?}");
+            assert!((50.0..80.0).contains(&until_s), "{errors_deg_s:?}: {changes:?}");
+        }
+    }
+
+    #[test]
+    fn both_rates_are_used_while_they_differ_by_latency_and_offsets() {
         for is_field_known in [false, true] {
             for (latency_s, own_error_deg_s) in [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)] {
-                let changes = changes_s(latency_s, [own_error_deg_s, 0.0], is_field_known);
+                let changes = changes(latency_s, [own_error_deg_s, 0.0], is_field_known);
                 assert_eq!(changes, [], "{latency_s} {own_error_deg_s}");
             }
-            let changes = changes_s(0.0, [5.0, 0.0], is_field_known);
-            let [refused_s, used_s] = changes[..] else { panic!("{changes:?}") };
-            assert!((30.0..32.0).contains(&refused_s) && (50.0..80.0).contains(&used_s), "{changes:?}");
         }
     }
 
@@ -229,17 +290,5 @@ mod tests {
                 assert!(error.amax() < 0.01 * DEG && variance >= 1e-8, "{turn_deg_s}: {rad_s} {variance}");
             }
         }
-    }
-
-    /// Without a field the own rates are refused; with it, they stay in use: or for less than a second, until the field has moved by 2 deg
-    /// more than the autopilot's rates predict.
-    #[test]
-    fn the_field_shows_that_the_autopilots_rates_are_wrong() {
-        assert_eq!(changes_s(0.0, [0.0, 5.0], false).len(), 2);
-        let changes = changes_s(0.0, [0.0, 5.0], true);
-        assert!(
-            matches!(changes[..], []) || matches!(changes[..], [from_s, to_s] if to_s - from_s < 1.0),
-            "{changes:?}"
-        );
     }
 }

@@ -177,6 +177,7 @@ impl Instrument {
     pub fn on_attitude(&mut self, at: Timestamp, report: AttitudeReport) {
         let rejected_before = self.attitude_track.rejected_reports().rate_contradictions;
         let latency_before_us = self.attitude_track.corrected_latency_us();
+        let were_rates_replaced = self.attitude_track.are_rates_replaced();
         if !self.attitude_track.push_report(at, report) {
             return;
         }
@@ -184,6 +185,9 @@ impl Instrument {
         let is_contradicted = self.attitude_track.rejected_reports().rate_contradictions != rejected_before;
         self.consecutive_rejected_rates =
             if is_contradicted { self.consecutive_rejected_rates.saturating_add(1) } else { 0 };
+        if self.attitude_track.are_rates_replaced() != were_rates_replaced {
+            self.monitor.forget_gyro();
+        }
         let is_latency_changed = self.attitude_track.corrected_latency_us() != latency_before_us;
         if is_latency_changed || self.consecutive_rejected_rates == MAX_CONSECUTIVE_REJECTED_RATES {
             self.restart_monitor(self.active_calibration.stored_correction.clone());

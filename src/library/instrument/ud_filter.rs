@@ -98,11 +98,29 @@ impl<const N: usize> UdFilter<N> {
         }
     }
 
-    /// Adds to the variance of one state and keeps its covariances (Agee-Turner).
+    /// Adds to the variance of one state and keeps its covariances.
     pub fn inflate_variance(&mut self, index: usize, variance: f32) {
-        let mut a: [f32; N] = core::array::from_fn(|i| if i == index { 1.0 } else { 0.0 });
+        self.add_error(core::array::from_fn(|i| if i == index { 1.0 } else { 0.0 }), index, variance);
+    }
+
+    /// Replaces a state by an independent one. The others keep their covariance.
+    pub fn replace_state(&mut self, index: usize, mean: f32, variance: f32) {
+        let mut shares = [0.0; N];
+        for (share, row) in shares.iter_mut().zip(&mut self.upper).take(index) {
+            *share = core::mem::take(&mut row[index]);
+        }
+        self.upper[index] = [0.0; N];
+        let last_variance = core::mem::replace(&mut self.diagonal[index], variance);
+        self.mean[index] = mean;
+        if let Some(last) = index.checked_sub(1) {
+            self.add_error(shares, last, last_variance);
+        }
+    }
+
+    /// Adds an independent error of this variance, of which the states up to `last` have shares (Agee-Turner).
+    fn add_error(&mut self, mut a: [f32; N], last: usize, variance: f32) {
         let mut weight = variance;
-        for j in (0..=index.min(N - 1)).rev() {
+        for j in (0..=last.min(N - 1)).rev() {
             let (a_j, old_diagonal) = (a[j], self.diagonal[j]);
             let new_diagonal = old_diagonal + weight * a_j * a_j;
             self.diagonal[j] = new_diagonal;
@@ -193,6 +211,13 @@ mod tests {
             growth[(1, 3)] = f64::from(0.1_f32);
             textbook.mean = growth * textbook.mean;
             textbook.covariance = growth * textbook.covariance * growth.transpose();
+            if step % 7 == 6 {
+                state.replace_state(index, 0.5, 1.5);
+                textbook.mean[index] = 0.5;
+                textbook.covariance.row_mut(index).fill(0.0);
+                textbook.covariance.column_mut(index).fill(0.0);
+                textbook.covariance[(index, index)] = 1.5;
+            }
             let difference = (covariance(&state) - textbook.covariance).norm() / textbook.covariance.norm();
             assert!(difference < 1e-4, "step {step}: {difference}");
             for i in 0..N {

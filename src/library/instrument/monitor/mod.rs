@@ -269,6 +269,15 @@ impl Monitor {
         };
     }
 
+    /// Forgets the errors of the gyro: another one is in use.
+    pub fn forget_gyro(&mut self) {
+        for state in FIRST_GYRO_ERROR_INDEX..STATE_COUNT {
+            let noise = state_noise(state, self.expected_sensor_errors, self.is_own_attitude);
+            self.filter.replace_state(state, 0.0, square(noise.initial_sigma));
+        }
+        self.gyro_run_number = None;
+    }
+
     /// Time update of all states, with the process noise of the gyro heading by the attitude's errors.
     fn predict_state(&mut self, heading_noise_by_tilt: f32, step_s: f32) {
         self.post_change_remaining_s = (self.post_change_remaining_s - step_s).max(0.0);
