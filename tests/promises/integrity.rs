@@ -395,6 +395,8 @@ fn the_own_gyro_checks_the_autopilots_attitude() {
         (VehicleKind::Plane, Mavlink, 5, "rates-sign", 0.5, 0.0..=2.0),
         (VehicleKind::Plane, Mavlink, 87, "rates-small", 0.5, 0.0..=2.0),
         (VehicleKind::Plane, Mavlink, 1, "rates-degrees", 0.5, 0.0..=2.0),
+        (VehicleKind::Plane, Mavlink, 1, "mount-turned-20", 0.5, 0.0..=10.0),
+        (VehicleKind::Copter, Mavlink, 1, "mount-turned-10", 0.5, 0.0..=10.0),
     ] {
         for row in run_whole_plan(IntegrityPlan { aircraft, attitude_protocol, seed, ..automatic }, &[case]) {
             assert!(row.bad_percent <= bad_percent && empty_percent.contains(&row.empty_percent), "{row:?}");

@@ -13,6 +13,8 @@ pub struct AutopilotErrors {
     pub tilt: Option<TiltError>,
     /// Offset of the gyro whose rates are in use, its or the own one.
     pub gyro_offset: Option<GyroOffset>,
+    /// Angle by which the module turns in its mount now beyond what errors of the gyros explain, radians, not negative.
+    pub unexplained_turn_rad: f32,
 }
 
 /// Error of roll and pitch by the own vertical.

@@ -39,6 +39,8 @@ pub(super) struct InertialLine {
     /// Offset of the gyro whose rates the last report has.
     gyro_offset: Option<GyroOffset>,
     is_accurate: bool,
+    /// Angle by which the module has turned in its mount, radians, clockwise as seen from above.
+    pub mount_turn_rad: f32,
     has_autopilot_reported: bool,
     rate_comparison: RateComparison,
     gyro_frame: GyroFrame,
@@ -56,6 +58,7 @@ impl InertialLine {
             rest_offset_variance: 0.0,
             gyro_offset: None,
             is_accurate: false,
+            mount_turn_rad: 0.0,
             has_autopilot_reported: false,
             rate_comparison: RateComparison::new(),
             gyro_frame: GyroFrame::new(),
@@ -76,6 +79,10 @@ impl InertialLine {
         if !is_used || self.estimates.newest().is_some_and(|last| last.sent_at >= at) {
             return false;
         }
+        let estimate = &match self.source {
+            AttitudeSource::Automatic => estimate.of_turned_sensors(self.mount_turn_rad),
+            _ => *estimate,
+        };
         self.tilt_covariance = estimate.tilt_covariance;
         self.rest_offset_variance = estimate.rest_offset_variance;
         self.is_accurate = estimate.is_accurate;
@@ -182,7 +189,11 @@ impl InertialLine {
     /// Errors of the autopilot at its last report.
     pub fn autopilot_errors(&self) -> AutopilotErrors {
         let tilt = self.comparable_tilts().and_then(TiltComparison::tilt_error);
-        AutopilotErrors { tilt, gyro_offset: self.gyro_offset }
+        AutopilotErrors {
+            tilt,
+            gyro_offset: self.gyro_offset,
+            unexplained_turn_rad: self.rate_comparison.unexplained_turn_rad(),
+        }
     }
 
     /// Attitude of the carried vertical at an instant, unless the autopilot contradicts the own body rates.

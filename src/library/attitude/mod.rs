@@ -12,6 +12,7 @@ mod inertial_line;
 mod latency_estimator;
 mod line_selector;
 mod lookup;
+mod module_turn;
 mod plausibility;
 mod rate_comparison;
 mod rate_consistency;
@@ -66,6 +67,11 @@ impl AttitudeTrack {
         if HAS_OWN_ATTITUDE && source != self.own.source() {
             *self = Self { own: InertialLine::new(source), ..Self::new(self.config) };
         }
+    }
+
+    /// Sets the angle by which the module has turned in its mount, with the own sensors, radians, clockwise as seen from above.
+    pub fn set_mount_turn(&mut self, turn_rad: f32) {
+        self.own.mount_turn_rad = turn_rad;
     }
 
     /// Adds an estimate of the own sensors from a sample taken at `at`.

@@ -8,6 +8,7 @@
 use nalgebra::Vector3;
 
 use super::autopilot_errors::GyroOffset;
+use super::module_turn::ModuleTurn;
 use super::report::BodyRates;
 use super::vector_motion::{MOTION_MEMORY_S, VectorMotion};
 use crate::time::Timestamp;
@@ -67,6 +68,8 @@ enum Verdict {
     Difference,
     OwnSupported,
     AutopilotsSupported,
+    /// They differ about the z axis only: the module turns in its mount, or the aircraft, and the autopilot's are wrong.
+    ModuleTurns,
 }
 
 /// Difference of own and autopilot's body rates, and its consequence. Own rates replace rough ones in any case.
@@ -77,6 +80,9 @@ pub(super) struct RateComparison {
     field_motion: [VectorMotion; 2],
     mean_own_rad_s: Vector3<f32>,
     mean_autopilot_rad_s: Vector3<f32>,
+    /// Turn in the mount since the last agreement, if only the rates about the z axis differ.
+    module_turn: ModuleTurn,
+    is_module_turning: bool,
     unsupported_reports: u8,
     agreeing_reports: u8,
     usable: UsableRates,
@@ -91,6 +97,8 @@ impl RateComparison {
             field_motion: [VectorMotion::new(), VectorMotion::new()],
             mean_own_rad_s: Vector3::new(0.0, 0.0, 0.0),
             mean_autopilot_rad_s: Vector3::new(0.0, 0.0, 0.0),
+            module_turn: ModuleTurn::NONE,
+            is_module_turning: false,
             unsupported_reports: 0,
             agreeing_reports: 0,
             usable: UsableRates::Both,
@@ -117,28 +125,45 @@ impl RateComparison {
         self.updated_at = at;
         self.mean_own_rad_s += (own_rad_s - self.mean_own_rad_s) * weight;
         self.mean_autopilot_rad_s += (autopilot_rad_s - self.mean_autopilot_rad_s) * weight;
+        let by_gyros_rad_s = self.by_gyros_rad_s();
+        self.module_turn.accumulate_difference((own_rad_s - autopilot_rad_s).z, by_gyros_rad_s, step_s);
         let verdict = self.verdict(own_rad_s);
+        if verdict == Verdict::Agreement {
+            let mean_difference_rad_s = (self.mean_own_rad_s - self.mean_autopilot_rad_s).z;
+            self.module_turn = ModuleTurn::NONE;
+            self.module_turn.accumulate_difference(mean_difference_rad_s, by_gyros_rad_s, MEAN_TIME_S);
+        }
+        self.is_module_turning = verdict == Verdict::ModuleTurns;
         self.count_report(verdict, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
         self.usable = self.usable_after(verdict, autopilot.is_rough());
         match (self.usable, verdict) {
             (UsableRates::Both, Verdict::Difference) if !autopilot.is_rough() => UsableRates::Neither,
-            (_, Verdict::Difference | Verdict::AutopilotsSupported) => UsableRates::Autopilots,
+            (_, Verdict::Difference | Verdict::AutopilotsSupported | Verdict::ModuleTurns) => UsableRates::Autopilots,
             (usable, _) => usable,
         }
+    }
+
+    /// Difference by the errors of two gyros, rad/s.
+    fn by_gyros_rad_s(&self) -> f32 {
+        MAX_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length()
     }
 
     fn verdict(&self, own_rad_s: Vector3<f32>) -> Verdict {
         let [own_error_rad, autopilot_error_rad] = self.field_motion.each_ref().map(VectorMotion::error_rad);
         let by_latency_rad_s = (own_rad_s - self.mean_own_rad_s).vector_length() * (MAX_LATENCY_S / MEAN_TIME_S);
-        let by_gyros_rad_s = MAX_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length();
         let were_autopilots_wrong = self.usable == UsableRates::Own;
         let allowed_share = if were_autopilots_wrong { AGREEING_SHARE } else { 1.0 };
-        let difference_rad_s = (self.mean_own_rad_s - self.mean_autopilot_rad_s).amax();
+        let difference_rad_s = self.mean_own_rad_s - self.mean_autopilot_rad_s;
+        let allowed_rad_s = allowed_share * (self.by_gyros_rad_s() + by_latency_rad_s);
         if is_clearly_smaller(autopilot_error_rad, own_error_rad) {
             Verdict::AutopilotsSupported
-        } else if difference_rad_s <= allowed_share * (by_gyros_rad_s + by_latency_rad_s) {
+        } else if difference_rad_s.amax() <= allowed_rad_s {
             Verdict::Agreement
-        } else if were_autopilots_wrong || is_clearly_smaller(own_error_rad, autopilot_error_rad) {
+        } else if were_autopilots_wrong {
+            Verdict::OwnSupported
+        } else if difference_rad_s.xy().amax() <= allowed_rad_s && self.module_turn.is_possible() {
+            Verdict::ModuleTurns
+        } else if is_clearly_smaller(own_error_rad, autopilot_error_rad) {
             Verdict::OwnSupported
         } else {
             Verdict::Difference
@@ -184,6 +209,11 @@ impl RateComparison {
             rad_s: self.mean_autopilot_rad_s - self.mean_own_rad_s,
             variance: own_variance + square(SCALE_DIFFERENCE * rate_rad_s),
         })
+    }
+
+    /// Angle by which the module turns in its mount now beyond what errors of the gyros explain, radians, not negative.
+    pub fn unexplained_turn_rad(&self) -> f32 {
+        if self.is_module_turning { self.module_turn.unexplained_rad() } else { 0.0 }
     }
 
     /// Uses both rates again, whose difference a long latency explains.
@@ -289,6 +319,39 @@ mod tests {
                 let error = rad_s - Vector3::from(offset_deg_s) * DEG;
                 assert!(error.amax() < 0.01 * DEG && variance >= 1e-8, "{turn_deg_s}: {rad_s} {variance}");
             }
+        }
+    }
+
+    /// Largest unexplained turn, degrees, and rates usable at the end of 60 s in which the aircraft flies straight, the module turns by this
+    /// angle within 1 s after 20 s, and the autopilot's gyro has this offset about the z axis from then on, deg/s.
+    fn straight_flight(turn_deg: f32, offset_deg_s: f32) -> (f32, UsableRates) {
+        let (mut comparison, mut largest_deg) = (RateComparison::new(), 0.0_f32);
+        for i in 0..3000_u16 {
+            let t_s = f32::from(i) * 0.02;
+            let turned_deg = (t_s - 20.0).clamp(0.0, 1.0) * turn_deg;
+            let own_rate_deg_s = if (20.0..21.0).contains(&t_s) { turn_deg } else { 0.0 };
+            let autopilots_rate_deg_s = if t_s < 20.0 { 0.0 } else { offset_deg_s };
+            let [own, autopilots] = [own_rate_deg_s, autopilots_rate_deg_s]
+                .map(|rate_deg_s| BodyRates::from_rad_s([1e-4, 0.0, rate_deg_s.to_radians()]).unwrap());
+            let field = Field::earth_field(1.0, 1.1, turned_deg.to_radians()).ut;
+            comparison.compare_rates(report_time(i), own, autopilots, Some(field));
+            largest_deg = largest_deg.max(comparison.unexplained_turn_rad().to_degrees());
+        }
+        (largest_deg, comparison.usable())
+    }
+
+    /// A module that turns in its mount is no error of the autopilot's gyro; an offset about the same axis is no turn of the module. An
+    /// offset of 1.5 deg/s moves this field too little to show whose it is.
+    #[test]
+    fn a_turn_in_the_mount_is_not_a_gyros_error() {
+        for (turn_deg, offset_deg_s, unexplained_deg, usable) in [
+            (10.0, 0.0, 4.0..=10.0, UsableRates::Both),
+            (-20.0, 0.0, 10.0..=20.0, UsableRates::Both),
+            (0.0, 1.5, 0.0..=1.0, UsableRates::Autopilots),
+            (0.0, -5.0, 0.0..=30.0, UsableRates::Own),
+        ] {
+            let found = straight_flight(turn_deg, offset_deg_s);
+            assert!(unexplained_deg.contains(&found.0) && found.1 == usable, "{turn_deg} {offset_deg_s}: {found:?}");
         }
     }
 }

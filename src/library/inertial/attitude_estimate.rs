@@ -1,8 +1,8 @@
 //! Output of the attitude filter.
 
-use nalgebra::{Matrix2, UnitQuaternion, Vector3};
+use nalgebra::{Matrix2, Rotation3, UnitQuaternion, Vector3};
 
-use super::quaternion::roll_and_pitch;
+use super::quaternion::{roll_and_pitch, roll_and_pitch_of_down};
 use crate::frames::RollPitch;
 use crate::trig::{hypot, sqrt};
 
@@ -30,6 +30,18 @@ pub struct InertialAttitude {
 }
 
 impl InertialAttitude {
+    /// The estimate of sensors that have turned by this angle about the body's z axis, clockwise as seen from above.
+    #[must_use]
+    pub fn of_turned_sensors(self, turn_rad: f32) -> Self {
+        let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
+        Self {
+            attitude: roll_and_pitch_of_down(&(rotation * self.attitude.tilt_rotation().down_in_body())),
+            rates_rad_s: rotation * self.rates_rad_s,
+            measured_rates_rad_s: self.measured_rates_rad_s.map(|rates_rad_s| rotation * rates_rad_s),
+            ..self
+        }
+    }
+
     /// The estimate from the rotation to the navigation frame, the rates, and the tilt's covariance in that frame.
     pub(super) fn new(
         rotation: &UnitQuaternion<f32>,
@@ -83,6 +95,20 @@ mod tests {
             let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
             assert!((roll_rad - 0.4).abs() < 1e-6 && (pitch_rad + 0.3).abs() < 1e-6);
             assert!((estimate.tilt_sigma_rad() - 5_f32.sqrt()).abs() < 1e-6);
+        }
+    }
+
+    /// Sensors that have turned to the right: their x axis is the body's y axis, their right is its tail.
+    #[test]
+    fn turned_sensors_give_the_motion_of_the_body() {
+        let rotation = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
+        let rates = Vector3::new(1.0, 2.0, 3.0);
+        let estimate = InertialAttitude::new(&rotation, (rates, Some(rates)), 0.0, 0, &Matrix2::identity(), true)
+            .of_turned_sensors(FRAC_PI_2);
+        let RollPitch { roll_rad, pitch_rad } = estimate.attitude;
+        assert!(roll_rad.abs() < 1e-6 && (pitch_rad - 0.4).abs() < 1e-6, "{roll_rad} {pitch_rad}");
+        for rates in [Some(estimate.rates_rad_s), estimate.measured_rates_rad_s] {
+            assert!((rates.unwrap() - Vector3::new(-2.0, 1.0, 3.0)).norm() < 1e-6, "{rates:?}");
         }
     }
 }

@@ -367,6 +367,7 @@ impl Instrument {
             None => MonitoredAttitude::Autopilot(self.attitude_track.autopilot_errors()),
         };
         self.monitor.process_sample(&monitored, at, &averaged, attitude);
+        self.attitude_track.set_mount_turn(self.monitor.mount_turn_rad());
         let adjustment = self.monitor.monitor_output();
         // Headings of an instrument that accepts any field ignore the monitor.
         let is_ignored = self.config.heading.accepts_any_field() && adjustment.validity.is_err();

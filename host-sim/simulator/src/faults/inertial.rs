@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 use crate::devices::lsm6dsl::{InertialFault, InertialTruth};
 use crate::faults::fault_switch::FaultSwitch;
@@ -59,11 +59,54 @@ pub fn wrong_axes(switch: FaultSwitch) -> impl InertialFault {
     }
 }
 
+/// Step of the difference that gives the rate of a turning mount, microseconds.
+const MOUNT_STEP_US: u64 = 1000;
+
+/// A module that turns about the body's z axis in its mount, clockwise as seen from above.
+#[must_use]
+pub fn turning_mount(switch: FaultSwitch, turn_deg: f64) -> impl InertialFault {
+    let turn_rad = move |at_us: u64| turn_deg.to_radians() * switch.changed_fraction(at_us);
+    move |at_us: u64, measured: &mut InertialTruth| {
+        let step_rad = turn_rad(at_us) - turn_rad(at_us.saturating_sub(MOUNT_STEP_US));
+        let into_module = Rotation3::from_axis_angle(&Vector3::z_axis(), -turn_rad(at_us));
+        measured.specific_force_m_s2 = into_module * measured.specific_force_m_s2;
+        measured.rates_rad_s = into_module * measured.rates_rad_s;
+        measured.rates_rad_s.z += step_rad / (MOUNT_STEP_US as f64 * 1e-6);
+    }
+}
+
 /// The chip does not acknowledge.
 pub struct SilentChip(pub FaultSwitch);
 
 impl InertialFault for SilentChip {
     fn is_silent(&self, at_us: u64) -> bool {
         self.0.is_on(at_us)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The gyro shows the whole turn, and then a roll about the body's x axis by the rotated axes.
+    #[test]
+    fn the_chip_turns_with_the_module() {
+        let switch = FaultSwitch::initially_off();
+        switch.set_active(1_000_000, 1_500_000);
+        let mut fault = turning_mount(switch, 30.0);
+        let mut turned_rad = 0.0;
+        for at_ms in 0..3000 {
+            let mut measured = InertialTruth {
+                rates_rad_s: Vector3::new(1.0, 0.0, 0.0),
+                specific_force_m_s2: Vector3::new(1.0, 0.0, -9.8),
+                temperature_c: 20.0,
+            };
+            fault.modify_measurement(at_ms * 1000, &mut measured);
+            turned_rad += measured.rates_rad_s.z * 1e-3;
+            let angle_rad = -libm::atan2(measured.rates_rad_s.y, measured.rates_rad_s.x);
+            let by_force_rad = -libm::atan2(measured.specific_force_m_s2.y, measured.specific_force_m_s2.x);
+            assert!((angle_rad - turned_rad).abs() < 1e-6 && (by_force_rad - turned_rad).abs() < 1e-6, "{at_ms}");
+        }
+        assert!((turned_rad - 30_f64.to_radians()).abs() < 1e-6, "{turned_rad}");
     }
 }

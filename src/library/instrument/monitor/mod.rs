@@ -269,9 +269,14 @@ impl Monitor {
         };
     }
 
-    /// Forgets the errors of the gyro: another one is in use.
+    /// Angle by which the module has turned in its mount, radians.
+    pub const fn mount_turn_rad(&self) -> f32 {
+        self.filter.mean()[MOUNT_TURN_INDEX]
+    }
+
+    /// Forgets the errors of the gyro, since another one is in use, and the turn of the mount, for which wrong rates were taken.
     pub fn forget_gyro(&mut self) {
-        for state in FIRST_GYRO_ERROR_INDEX..STATE_COUNT {
+        for state in (FIRST_GYRO_ERROR_INDEX..STATE_COUNT).chain([MOUNT_TURN_INDEX]) {
             let noise = state_noise(state, self.expected_sensor_errors, self.is_own_attitude);
             self.filter.replace_state(state, 0.0, square(noise.initial_sigma));
         }
@@ -346,6 +351,10 @@ impl Monitor {
                 variance,
             );
             self.measure_states(&[(PITCH_BIAS_INDEX, 1.0)], pitch_rad, variance);
+        }
+        let excess = square(errors.unexplained_turn_rad) - self.filter.state_variance(MOUNT_TURN_INDEX);
+        if excess > 0.0 {
+            self.filter.inflate_variance(MOUNT_TURN_INDEX, excess);
         }
         if let Some(offset) = errors.gyro_offset {
             let variance = offset.variance * GYRO_OFFSET_TIME_S / step_s;

@@ -16,7 +16,8 @@ use crate::heading::{Heading, HeadingLimits, compute_heading};
 use crate::instrument::averager::CorrectedReading;
 
 /// The attitude of an autopilot, without an own one beside.
-const OF_AUTOPILOT: MonitoredAttitude = MonitoredAttitude::Autopilot(AutopilotErrors { tilt: None, gyro_offset: None });
+const OF_AUTOPILOT: MonitoredAttitude =
+    MonitoredAttitude::Autopilot(AutopilotErrors { tilt: None, gyro_offset: None, unexplained_turn_rad: 0.0 });
 
 const INCLINATION_RAD: f32 = 1.0;
 const TOTAL_UT: f32 = 50.0;

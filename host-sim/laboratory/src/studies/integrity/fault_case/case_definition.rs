@@ -15,7 +15,7 @@ use simulator::faults::field::{
     AxisHysteresis, FieldFault, LaggingLinkage, MountTurnFault, OtherPlace, SoftIronHysteresis, elevator_linkage,
     hard_iron_change, hard_iron_drift, passing_object, throttle_interference,
 };
-use simulator::faults::inertial::stuck_gyro_axes;
+use simulator::faults::inertial::{stuck_gyro_axes, turning_mount};
 use simulator::faults::link_faults::{ForgedMessage, LinkFault};
 use simulator::faults::sensor::{RegisterUpset, SensorFault, aliased_vibration, axis_clipping, stuck_axes};
 use simulator::faults::{FaultSwitch, Faults};
@@ -476,6 +476,7 @@ impl RandomCase {
         let WorldConfig { airframe, earth, .. } = self.world;
         let fault_switch = self.case_switch();
         self.add_field_fault(onset, MountTurnFault { fault_switch, airframe, turning_iron_share, earth, turn_deg });
+        self.faults.inertial_faults.push(Box::new(turning_mount(self.case_switch(), turn_deg)));
     }
 
     pub(super) fn random_sign(&mut self) -> f64 {
