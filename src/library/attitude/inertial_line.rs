@@ -40,7 +40,7 @@ pub(super) struct InertialLine {
     gyro_offset: Option<GyroOffset>,
     is_accurate: bool,
     /// Angle by which the module has turned in its mount, radians, clockwise as seen from above.
-    pub mount_turn_rad: f32,
+    mount_turn_rad: f32,
     has_autopilot_reported: bool,
     rate_comparison: RateComparison,
     gyro_frame: GyroFrame,
@@ -104,6 +104,14 @@ impl InertialLine {
         }
         self.estimates.push_report(at, report, MAX_OWN_GAP_US);
         has_paused
+    }
+
+    /// Sets the angle by which the module has turned in its mount, as far as the rates have shown a turn.
+    pub fn set_mount_turn(&mut self, turn_rad: f32) {
+        if HAS_OWN_ATTITUDE {
+            let shown_rad = self.rate_comparison.module_turn().shown_rad();
+            self.mount_turn_rad = turn_rad.max(-shown_rad).min(shown_rad);
+        }
     }
 
     /// Records a report of the autopilot; returns whether it is used.
@@ -192,7 +200,7 @@ impl InertialLine {
         AutopilotErrors {
             tilt,
             gyro_offset: self.gyro_offset,
-            unexplained_turn_rad: self.rate_comparison.unexplained_turn_rad(),
+            unexplained_turn_rad: self.rate_comparison.module_turn().unexplained_rad(),
         }
     }
 
@@ -234,7 +242,7 @@ impl InertialLine {
 
     /// Whether own rates replace wrong ones.
     pub fn are_rates_replaced(&self) -> bool {
-        self.rate_comparison.usable() == UsableRates::Own
+        HAS_OWN_ATTITUDE && self.rate_comparison.usable() == UsableRates::Own
     }
 
     /// Number of reports whose body rates contradicted the own ones.

@@ -69,9 +69,10 @@ impl AttitudeTrack {
         }
     }
 
-    /// Sets the angle by which the module has turned in its mount, with the own sensors, radians, clockwise as seen from above.
+    /// Sets the estimated angle by which the module has turned in its mount, radians, clockwise as seen from above. The own sensors turn
+    /// with it, if their rates have shown a turn.
     pub fn set_mount_turn(&mut self, turn_rad: f32) {
-        self.own.mount_turn_rad = turn_rad;
+        self.own.set_mount_turn(turn_rad);
     }
 
     /// Adds an estimate of the own sensors from a sample taken at `at`.

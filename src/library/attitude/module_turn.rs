@@ -12,20 +12,32 @@ const MAX_TURN_RAD: f32 = 30.0 * DEG;
 /// by 10 % and whose iron moves have headings of 2.1 deg RMS, with this 1.4.
 const EXPLAINED_FACTOR: f32 = 2.0;
 
-/// Integrals of the difference of the rates about the z axis, and of its bound by the errors of two gyros, radians.
+/// Turn since the two rates agreed last.
 #[derive(Debug)]
 pub(super) struct ModuleTurn {
+    /// Integral of the difference of the rates about the z axis, radians.
     turned_rad: f32,
+    /// Part of it that errors of the gyros explain, radians, not negative.
     explained_rad: f32,
+    is_turning: bool,
+    /// Largest turn that they did not explain, radians, not negative.
+    shown_rad: f32,
 }
 
 impl ModuleTurn {
-    pub const NONE: Self = Self { turned_rad: 0.0, explained_rad: 0.0 };
+    pub const fn new() -> Self {
+        Self { turned_rad: 0.0, explained_rad: 0.0, is_turning: false, shown_rad: 0.0 }
+    }
 
-    /// Adds a step with this difference of the rates, rad/s, of which errors of the gyros may be `by_gyros_rad_s`.
-    pub fn accumulate_difference(&mut self, difference_rad_s: f32, by_gyros_rad_s: f32, step_s: f32) {
-        self.turned_rad += difference_rad_s * step_s;
-        self.explained_rad += EXPLAINED_FACTOR * by_gyros_rad_s * step_s;
+    /// Starts again where the rates agree, with the last turn and the one that is allowed, radians.
+    pub fn restart(&mut self, turned_rad: f32, allowed_rad: f32) {
+        (self.turned_rad, self.explained_rad) = (turned_rad, EXPLAINED_FACTOR * allowed_rad);
+    }
+
+    /// Adds a step of the turn by the difference of the rates, and the one that is allowed, radians.
+    pub fn accumulate_difference(&mut self, turned_rad: f32, allowed_rad: f32) {
+        self.turned_rad += turned_rad;
+        self.explained_rad += EXPLAINED_FACTOR * allowed_rad;
     }
 
     /// Whether a module turns so far in its mount.
@@ -33,8 +45,21 @@ impl ModuleTurn {
         self.turned_rad.abs() < MAX_TURN_RAD
     }
 
-    /// Angle that errors of the gyros do not explain, radians, not negative.
+    /// Sets whether the rates differ as those of a module that turns.
+    pub fn set_turning(&mut self, is_turning: bool) {
+        self.is_turning = is_turning;
+        if self.unexplained_rad() > 0.0 {
+            self.shown_rad = self.shown_rad.max(self.turned_rad.abs());
+        }
+    }
+
+    /// Angle by which the module turns now that errors of the gyros do not explain, radians, not negative.
     pub fn unexplained_rad(&self) -> f32 {
-        (self.turned_rad.abs() - self.explained_rad).max(0.0)
+        if self.is_turning { (self.turned_rad.abs() - self.explained_rad).max(0.0) } else { 0.0 }
+    }
+
+    /// Largest turn so far, radians, not negative.
+    pub const fn shown_rad(&self) -> f32 {
+        self.shown_rad
     }
 }

@@ -80,9 +80,7 @@ pub(super) struct RateComparison {
     field_motion: [VectorMotion; 2],
     mean_own_rad_s: Vector3<f32>,
     mean_autopilot_rad_s: Vector3<f32>,
-    /// Turn in the mount since the last agreement, if only the rates about the z axis differ.
     module_turn: ModuleTurn,
-    is_module_turning: bool,
     unsupported_reports: u8,
     agreeing_reports: u8,
     usable: UsableRates,
@@ -97,8 +95,7 @@ impl RateComparison {
             field_motion: [VectorMotion::new(), VectorMotion::new()],
             mean_own_rad_s: Vector3::new(0.0, 0.0, 0.0),
             mean_autopilot_rad_s: Vector3::new(0.0, 0.0, 0.0),
-            module_turn: ModuleTurn::NONE,
-            is_module_turning: false,
+            module_turn: ModuleTurn::new(),
             unsupported_reports: 0,
             agreeing_reports: 0,
             usable: UsableRates::Both,
@@ -126,14 +123,13 @@ impl RateComparison {
         self.mean_own_rad_s += (own_rad_s - self.mean_own_rad_s) * weight;
         self.mean_autopilot_rad_s += (autopilot_rad_s - self.mean_autopilot_rad_s) * weight;
         let by_gyros_rad_s = self.by_gyros_rad_s();
-        self.module_turn.accumulate_difference((own_rad_s - autopilot_rad_s).z, by_gyros_rad_s, step_s);
+        self.module_turn.accumulate_difference((own_rad_s - autopilot_rad_s).z * step_s, by_gyros_rad_s * step_s);
         let verdict = self.verdict(own_rad_s);
         if verdict == Verdict::Agreement {
             let mean_difference_rad_s = (self.mean_own_rad_s - self.mean_autopilot_rad_s).z;
-            self.module_turn = ModuleTurn::NONE;
-            self.module_turn.accumulate_difference(mean_difference_rad_s, by_gyros_rad_s, MEAN_TIME_S);
+            self.module_turn.restart(mean_difference_rad_s * MEAN_TIME_S, by_gyros_rad_s * MEAN_TIME_S);
         }
-        self.is_module_turning = verdict == Verdict::ModuleTurns;
+        self.module_turn.set_turning(verdict == Verdict::ModuleTurns);
         self.count_report(verdict, own.magnitude_rad_s() >= MIN_AGREEING_RATE_RAD_S);
         self.usable = self.usable_after(verdict, autopilot.is_rough());
         match (self.usable, verdict) {
@@ -211,9 +207,8 @@ impl RateComparison {
         })
     }
 
-    /// Angle by which the module turns in its mount now beyond what errors of the gyros explain, radians, not negative.
-    pub fn unexplained_turn_rad(&self) -> f32 {
-        if self.is_module_turning { self.module_turn.unexplained_rad() } else { 0.0 }
+    pub const fn module_turn(&self) -> &ModuleTurn {
+        &self.module_turn
     }
 
     /// Uses both rates again, whose difference a long latency explains.
@@ -335,7 +330,7 @@ mod tests {
                 .map(|rate_deg_s| BodyRates::from_rad_s([1e-4, 0.0, rate_deg_s.to_radians()]).unwrap());
             let field = Field::earth_field(1.0, 1.1, turned_deg.to_radians()).ut;
             comparison.compare_rates(report_time(i), own, autopilots, Some(field));
-            largest_deg = largest_deg.max(comparison.unexplained_turn_rad().to_degrees());
+            largest_deg = largest_deg.max(comparison.module_turn().unexplained_rad().to_degrees());
         }
         (largest_deg, comparison.usable())
     }
