@@ -1,7 +1,8 @@
 //! A turn of the module in its mount, which the own gyro feels, and an autopilot's does not.
 //!
 //! Field and own gyro turn together, as in a turn of the aircraft that an autopilot with wrong rates does not report. Until the
-//! angle is too large for a mount, the autopilot's rates hold the heading, so that the monitor sees the field turn.
+//! angle is too large for a mount, the autopilot's rates hold the heading, so that the monitor sees the field turn. Rough rates, in
+//! whole deg/s or derived from angles, do not: in turns they differ about this axis without a cause.
 
 use crate::trig::DEG;
 

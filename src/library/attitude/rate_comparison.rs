@@ -124,7 +124,7 @@ impl RateComparison {
         self.mean_autopilot_rad_s += (autopilot_rad_s - self.mean_autopilot_rad_s) * weight;
         let by_gyros_rad_s = self.by_gyros_rad_s();
         self.module_turn.accumulate_difference((own_rad_s - autopilot_rad_s).z * step_s, by_gyros_rad_s * step_s);
-        let verdict = self.verdict(own_rad_s);
+        let verdict = self.verdict(own_rad_s, autopilot.is_rough());
         if verdict == Verdict::Agreement {
             let mean_difference_rad_s = (self.mean_own_rad_s - self.mean_autopilot_rad_s).z;
             self.module_turn.restart(mean_difference_rad_s * MEAN_TIME_S, by_gyros_rad_s * MEAN_TIME_S);
@@ -144,7 +144,7 @@ impl RateComparison {
         MAX_DIFFERENCE_RAD_S + MAX_RELATIVE_DIFFERENCE * self.mean_autopilot_rad_s.vector_length()
     }
 
-    fn verdict(&self, own_rad_s: Vector3<f32>) -> Verdict {
+    fn verdict(&self, own_rad_s: Vector3<f32>, are_autopilots_rough: bool) -> Verdict {
         let [own_error_rad, autopilot_error_rad] = self.field_motion.each_ref().map(VectorMotion::error_rad);
         let by_latency_rad_s = (own_rad_s - self.mean_own_rad_s).vector_length() * (MAX_LATENCY_S / MEAN_TIME_S);
         let were_autopilots_wrong = self.usable == UsableRates::Own;
@@ -157,7 +157,10 @@ impl RateComparison {
             Verdict::Agreement
         } else if were_autopilots_wrong {
             Verdict::OwnSupported
-        } else if difference_rad_s.xy().amax() <= allowed_rad_s && self.module_turn.is_possible() {
+        } else if difference_rad_s.xy().amax() <= allowed_rad_s
+            && self.module_turn.is_possible()
+            && !are_autopilots_rough
+        {
             Verdict::ModuleTurns
         } else if is_clearly_smaller(own_error_rad, autopilot_error_rad) {
             Verdict::OwnSupported
