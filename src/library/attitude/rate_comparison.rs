@@ -320,8 +320,8 @@ mod tests {
         }
     }
 
-    /// Largest unexplained turn, degrees, and rates usable at the end of 60 s in which the aircraft flies straight, the module turns by this
-    /// angle within 1 s after 20 s, and the autopilot's gyro has this offset about the z axis from then on, deg/s.
+    /// Largest unexplained turn, degrees, and rates usable at the end of 60 s in which the aircraft flies straight, the module turns by
+    /// this angle within 1 s after 20 s, and the autopilot's gyro has this offset about the z axis from then on, deg/s.
     fn straight_flight(turn_deg: f32, offset_deg_s: f32) -> (f32, UsableRates) {
         let (mut comparison, mut largest_deg) = (RateComparison::new(), 0.0_f32);
         for i in 0..3000_u16 {
