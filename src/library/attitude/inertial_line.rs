@@ -134,9 +134,8 @@ impl InertialLine {
         (HAS_OWN_ATTITUDE && is_alone).then_some(&self.estimates)
     }
 
-    /// An autopilot's report of an instant, with the attitude advanced by a long latency, and then own body rates; and own body rates to
-    /// check its attitude. Without a long latency they serve in a report without any, or with rough ones. Own rates in each report change
-    /// the RMS without a fault by less than 0.03 deg, but with an autopilot's gyro of 10 % error 3.5 % of the headings are bad, not 0.
+    /// An autopilot's report of an instant, with the attitude advanced by a long latency, and own body rates to check its attitude. Own
+    /// rates replace those of the report if they are missing, rough, late or wrong: without a fault its own do as well.
     pub fn improved_report(
         &mut self,
         at: Timestamp,

@@ -1,9 +1,9 @@
 //! Comparison of the own body rates with those of an autopilot.
 //!
 //! Either may be wrong. The field, which moves in body axes by the true rates, shows which, if its motion depends on the difference. With
-//! stuck or clipped own rates, by MSP, a tenth as many headings are bad as without the field. Otherwise the own rates are not used: an
-//! autopilot's are those of a module without a gyro. If its rates differ by more than a gyro's errors, as with a wrong sign or unit, the
-//! own ones replace them.
+//! stuck or clipped own rates, by MSP, a tenth as many headings are bad as without the field. Where it supports the own rates they replace
+//! the autopilot's: with the wrong sign by MAVLink 0.01 % of a plane's headings are bad, and before a quarter was empty. Where it supports
+//! neither for a third of a second, the autopilot's are used, as by a module without a gyro.
 
 use nalgebra::Vector3;
 
