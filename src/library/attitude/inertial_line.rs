@@ -79,10 +79,8 @@ impl InertialLine {
         if !is_used || self.estimates.newest().is_some_and(|last| last.sent_at >= at) {
             return false;
         }
-        let estimate = &match self.source {
-            AttitudeSource::Automatic => estimate.of_turned_sensors(self.mount_turn_rad),
-            _ => *estimate,
-        };
+        let estimate =
+            if self.mount_turn_rad.abs() > 0.0 { &estimate.of_turned_sensors(self.mount_turn_rad) } else { estimate };
         self.tilt_covariance = estimate.tilt_covariance;
         self.rest_offset_variance = estimate.rest_offset_variance;
         self.is_accurate = estimate.is_accurate;
@@ -148,16 +146,16 @@ impl InertialLine {
         self.latency_estimator.push_report(&self.gyro_frame, at, report.attitude);
         let (usable, own_rates) = self.usable_rates_at(at, report.body_rates, field_direction);
         let measured = report.body_rates.filter(|rates| !rates.is_rough());
-        let body_rates = match usable {
-            UsableRates::Both => measured.or(own_rates).or(report.body_rates),
-            UsableRates::Own => own_rates,
-            UsableRates::Autopilots => report.body_rates,
-            UsableRates::Neither => None,
+        let of_own_rates = Some(GyroOffset::of_own_rates(self.rest_offset_variance));
+        let (body_rates, gyro_offset) = match (usable, measured) {
+            (UsableRates::Both, Some(_)) => {
+                (measured, self.rate_comparison.autopilot_offset(self.rest_offset_variance))
+            }
+            (UsableRates::Both | UsableRates::Own, _) => (own_rates, of_own_rates),
+            (UsableRates::Autopilots, _) => (report.body_rates, None),
+            (UsableRates::Neither, _) => (None, None),
         };
-        self.gyro_offset = own_rates.and_then(|_| match measured {
-            Some(_) if usable == UsableRates::Both => self.rate_comparison.autopilot_offset(self.rest_offset_variance),
-            _ => Some(GyroOffset::of_own_rates(self.rest_offset_variance)),
-        });
+        self.gyro_offset = gyro_offset;
         let attitude = self.latency_estimator.advance_report(&self.gyro_frame, at, report.attitude);
         let improved = AttitudeReport { attitude, body_rates, ..report };
         (improved, own_rates)

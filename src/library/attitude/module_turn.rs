@@ -18,8 +18,8 @@ const EXPLAINED_FACTOR: f32 = 2.0;
 pub(super) struct ModuleTurn {
     /// Integral of the difference of the rates about the z axis, radians.
     turned_rad: f32,
-    /// Part of it that errors of the gyros explain, radians, not negative.
-    explained_rad: f32,
+    /// Integral of the difference that is allowed, radians, not negative.
+    allowed_rad: f32,
     is_turning: bool,
     /// Largest turn that they did not explain, radians, not negative.
     shown_rad: f32,
@@ -27,18 +27,18 @@ pub(super) struct ModuleTurn {
 
 impl ModuleTurn {
     pub const fn new() -> Self {
-        Self { turned_rad: 0.0, explained_rad: 0.0, is_turning: false, shown_rad: 0.0 }
+        Self { turned_rad: 0.0, allowed_rad: 0.0, is_turning: false, shown_rad: 0.0 }
     }
 
-    /// Starts again where the rates agree, with the last turn and the one that is allowed, radians.
-    pub fn restart(&mut self, turned_rad: f32, allowed_rad: f32) {
-        (self.turned_rad, self.explained_rad) = (turned_rad, EXPLAINED_FACTOR * allowed_rad);
+    /// Replaces both integrals, radians, while the rates agree.
+    pub const fn restart(&mut self, turned_rad: f32, allowed_rad: f32) {
+        (self.turned_rad, self.allowed_rad) = (turned_rad, allowed_rad);
     }
 
-    /// Adds a step of the turn by the difference of the rates, and the one that is allowed, radians.
+    /// Adds to both integrals, radians.
     pub fn accumulate_difference(&mut self, turned_rad: f32, allowed_rad: f32) {
         self.turned_rad += turned_rad;
-        self.explained_rad += EXPLAINED_FACTOR * allowed_rad;
+        self.allowed_rad += allowed_rad;
     }
 
     /// Whether a module turns so far in its mount.
@@ -56,7 +56,7 @@ impl ModuleTurn {
 
     /// Angle by which the module turns now that errors of the gyros do not explain, radians, not negative.
     pub fn unexplained_rad(&self) -> f32 {
-        if self.is_turning { (self.turned_rad.abs() - self.explained_rad).max(0.0) } else { 0.0 }
+        if self.is_turning { (self.turned_rad.abs() - EXPLAINED_FACTOR * self.allowed_rad).max(0.0) } else { 0.0 }
     }
 
     /// Largest turn so far, radians, not negative.

@@ -271,8 +271,8 @@ mod tests {
         changes
     }
 
-    /// Rates with an error of 5 deg/s are not used after two seconds, and used again after a turn. Without a field they are taken for the
-    /// own ones'.
+    /// An error of 5 deg/s ends the use of the wrong rates within two seconds, until a turn after it. Without a field it ends that of the
+    /// own ones, whichever are wrong.
     #[test]
     fn wrong_rates_are_not_used_until_they_agree_in_a_turn() {
         use UsableRates::{Autopilots, Both, Own};

@@ -30,7 +30,7 @@ pub struct InertialAttitude {
 }
 
 impl InertialAttitude {
-    /// The estimate of sensors that have turned by this angle about the body's z axis, clockwise as seen from above.
+    /// The estimate in body axes, after a turn of the sensors by this angle about the body's z axis, clockwise as seen from above.
     #[must_use]
     pub fn of_turned_sensors(self, turn_rad: f32) -> Self {
         let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);

@@ -1,6 +1,6 @@
 //! Faults of gyro and accelerometer.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -47,14 +47,19 @@ pub fn inertial_vibration(switch: FaultSwitch, rate_rad_s: f64, force_m_s2: f64,
     }
 }
 
+/// Motion in axes that are turned about the vertical, clockwise as seen from above.
+fn turn_axes(measured: &mut InertialTruth, turn_rad: f64) {
+    let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), -turn_rad);
+    measured.specific_force_m_s2 = rotation * measured.specific_force_m_s2;
+    measured.rates_rad_s = rotation * measured.rates_rad_s;
+}
+
 /// Both sensors turned by 90 deg about the vertical.
 #[must_use]
 pub fn wrong_axes(switch: FaultSwitch) -> impl InertialFault {
-    let turned = |vector: Vector3<f64>| Vector3::new(vector.y, -vector.x, vector.z);
     move |at_us: u64, measured: &mut InertialTruth| {
         if switch.is_on(at_us) {
-            measured.rates_rad_s = turned(measured.rates_rad_s);
-            measured.specific_force_m_s2 = turned(measured.specific_force_m_s2);
+            turn_axes(measured, FRAC_PI_2);
         }
     }
 }
@@ -68,9 +73,7 @@ pub fn turning_mount(switch: FaultSwitch, turn_deg: f64) -> impl InertialFault {
     let turn_rad = move |at_us: u64| turn_deg.to_radians() * switch.changed_fraction(at_us);
     move |at_us: u64, measured: &mut InertialTruth| {
         let step_rad = turn_rad(at_us) - turn_rad(at_us.saturating_sub(MOUNT_STEP_US));
-        let into_module = Rotation3::from_axis_angle(&Vector3::z_axis(), -turn_rad(at_us));
-        measured.specific_force_m_s2 = into_module * measured.specific_force_m_s2;
-        measured.rates_rad_s = into_module * measured.rates_rad_s;
+        turn_axes(measured, turn_rad(at_us));
         measured.rates_rad_s.z += step_rad / (MOUNT_STEP_US as f64 * 1e-6);
     }
 }

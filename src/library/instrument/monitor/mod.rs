@@ -212,7 +212,7 @@ impl Monitor {
         }
         if self.stuck_field.is_stuck() {
             self.reset_states(is_own_attitude);
-            // The sensor, or an attitude of another vehicle: nothing here tells which.
+            // A stuck sensor and the attitude of another vehicle look the same here.
             self.output.validity = Err(NoHeading::FieldChanged);
             return;
         }
