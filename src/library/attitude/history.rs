@@ -28,7 +28,7 @@ pub struct RejectedReports {
     pub frozen_reports: u32,
     /// Reports with body rates that contradict the attitude; used without the rates.
     pub rate_contradictions: u32,
-    /// Own body rates that contradict a report's; its rates are used.
+    /// Reports with body rates unlike the own ones, whichever are used.
     pub own_rate_contradictions: u32,
 }
 

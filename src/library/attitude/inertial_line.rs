@@ -242,9 +242,9 @@ impl InertialLine {
         HAS_OWN_ATTITUDE && self.rate_comparison.usable() == UsableRates::Own
     }
 
-    /// Number of reports whose body rates contradicted the own ones.
+    /// Number of reports whose body rates differ from the own ones.
     pub const fn rejected_rates(&self) -> u32 {
-        self.rate_comparison.unsupported_count()
+        self.rate_comparison.difference_count()
     }
 
     /// Body rates at an instant.

@@ -84,8 +84,8 @@ pub(super) struct RateComparison {
     unsupported_reports: u8,
     agreeing_reports: u8,
     usable: UsableRates,
-    /// Number of reports that do not support the own rates, wraps.
-    unsupported_count: u32,
+    /// Number of reports without agreement, wraps.
+    difference_count: u32,
 }
 
 impl RateComparison {
@@ -99,7 +99,7 @@ impl RateComparison {
             unsupported_reports: 0,
             agreeing_reports: 0,
             usable: UsableRates::Both,
-            unsupported_count: 0,
+            difference_count: 0,
         }
     }
 
@@ -180,8 +180,10 @@ impl RateComparison {
         } else if is_rotating {
             self.agreeing_reports = self.agreeing_reports.saturating_add(agreeing_weight);
         }
+        if verdict != Verdict::Agreement {
+            self.difference_count = self.difference_count.wrapping_add(1);
+        }
         if matches!(verdict, Verdict::Difference | Verdict::AutopilotsSupported) {
-            self.unsupported_count = self.unsupported_count.wrapping_add(1);
             self.unsupported_reports = self.unsupported_reports.saturating_add(1);
         } else {
             self.unsupported_reports = 0;
@@ -228,8 +230,8 @@ impl RateComparison {
         self.usable == UsableRates::Autopilots
     }
 
-    pub const fn unsupported_count(&self) -> u32 {
-        self.unsupported_count
+    pub const fn difference_count(&self) -> u32 {
+        self.difference_count
     }
 }
 
@@ -244,9 +246,10 @@ mod tests {
     use super::*;
     use crate::frames::{Field, RollPitch};
 
-    /// Times, seconds, after which other rates are usable, of 100 s of rolls into turns and out of them, at 50 Hz, with an autopilot's
-    /// latency, and errors of the own and of its rates of each axis, deg/s, from 30 to 50 s. A field is known or not.
-    fn changes(latency_s: f32, errors_deg_s: [f32; 2], is_field_known: bool) -> Vec<(f32, UsableRates)> {
+    /// Times, seconds, after which other rates are usable, and number of differing reports, of 100 s of rolls into turns and out of them,
+    /// at 50 Hz, with an autopilot's latency, and errors of the own and of its rates of each axis, deg/s, from 30 to 50 s. A field is
+    /// known or not.
+    fn changes(latency_s: f32, errors_deg_s: [f32; 2], is_field_known: bool) -> (Vec<(f32, UsableRates)>, u32) {
         let (mut comparison, mut changes) = (RateComparison::new(), Vec::new());
         let rates = |t_s: f32, error_deg_s: f32| {
             let [[heading, roll], [heading_before, roll_before]] = [t_s, t_s - 0.02].map(heading_and_roll_in_turns_deg);
@@ -268,7 +271,7 @@ mod tests {
                 changes.push((t_s, comparison.usable()));
             }
         }
-        changes
+        (changes, comparison.difference_count())
     }
 
     /// An error of 5 deg/s ends the use of the wrong rates within two seconds, until a turn after it. Without a field it ends that of the
@@ -282,10 +285,11 @@ mod tests {
             ([5.0, 0.0], true, Autopilots),
             ([0.0, 5.0], true, Own),
         ] {
-            let changes = changes(0.0, errors_deg_s, is_field_known);
+            let (changes, difference_count) = changes(0.0, errors_deg_s, is_field_known);
             let [(from_s, found), (until_s, Both)] = changes[..] else { panic!("{errors_deg_s:?}: {changes:?}") };
             assert!(found == usable && (30.0..32.0).contains(&from_s), "{errors_deg_s:?}: {changes:?}");
             assert!((50.0..80.0).contains(&until_s), "{errors_deg_s:?}: {changes:?}");
+            assert!(difference_count > 800, "{errors_deg_s:?}: {difference_count}");
         }
     }
 
@@ -293,7 +297,7 @@ mod tests {
     fn both_rates_are_used_while_they_differ_by_latency_and_offsets() {
         for is_field_known in [false, true] {
             for (latency_s, own_error_deg_s) in [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)] {
-                let changes = changes(latency_s, [own_error_deg_s, 0.0], is_field_known);
+                let (changes, _) = changes(latency_s, [own_error_deg_s, 0.0], is_field_known);
                 assert_eq!(changes, [], "{latency_s} {own_error_deg_s}");
             }
         }
